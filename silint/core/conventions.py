@@ -1,0 +1,31 @@
+"""Conventions and source keys, stated once and referred to everywhere.
+
+Axes
+    Right-handed, any length unit, axes as in the file.
+
+Values
+    Ambient occlusion and sky fractions: 1 is open, 0 is closed.
+
+Depth count
+    W(w) is the number of surfaces that the ray from the shade point along w meets; W = 0 is visible.
+    The side of a face is +1 when the shade point lies in front of it (its vertices turn
+    counter-clockwise as seen from the point), else -1.
+
+Octahedral map
+    A direction is projected on |x| + |y| + |z| = 1 and u = x. For fixed u the isoline is the closed
+    diamond |y| + |z| = 1 - |u|. Its *loop coordinate* v in [0, 4) turns counter-clockwise about +x:
+    v = 0, 1, 2, 3 at +y, +z, -y, -z, linear in (y, z) between. Great circles are straight within an
+    octant; dw = (1 - |u|) du dv / r^3 with r = |(u, y, z)|.
+    K isolines lie at u_k = -1 + (2k + 1) / K; strip k is the band of width 2 / K around isoline k.
+
+Units
+    Topology and hierarchies hold the scene multiplied by a power of two, so that its largest
+    coordinate lies in [0.5, 1). That product is exact, and results do not depend on the unit.
+
+Sources
+    NBMJ14  Nowrouzezahrai, Baran, Mitchell, Jarosz 2014, Visibility Silhouettes for Semi-Analytic
+            Spherical Integration.
+    HZ00    Hertzmann, Zorin 2000, Illustrating Smooth Surfaces (contours in dual space).
+    PH03    Praun, Hoppe 2003, Spherical Parametrization and Remeshing (octahedral map).
+    Lam60   Lambert 1760, Photometria (vector irradiance of a polygon).
+"""

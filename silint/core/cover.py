@@ -1,0 +1,152 @@
+"""Covering: the second way to the visible intervals of one isoline.
+
+Every face hides an interval of the isoline; what no face hides is visible. No contours, no depth count, no
+start: any soup of triangles. Within an octant an isoline is the straight segment between two corners of its
+diamond, and a face hides the part where three linear functions (the planes through the shade point and the
+face's edges) have the right sign. Edges are taken with their lower vertex first, so that two faces cut the
+isoline at their common edge in bit-identical places and nothing shows between them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from silint.core.buffers import grow, sort_pairs
+from silint.core.contour import side_rounding
+from silint.core.octahedral import isoline_u, local, turn
+from silint.core.partition import node_range
+
+
+@njit(cache=True)
+def _corner(u, i):
+    """Corner i of the diamond of u as (x, U, S): 0 the highest, then counter-clockwise."""
+    r = 1.0 - abs(u)
+    if i == 0 or i == 4:
+        return u, r, 0.0
+    if i == 1:
+        return u, 0.0, r
+    if i == 2:
+        return u, -r, 0.0
+    return u, 0.0, -r
+
+
+@njit(cache=True)
+def _cut(geometry, a, b, p, n, corner, c0, c1):
+    """The plane through p and the edge a-b, at the two ends of a segment of the isoline, as seen from a < b."""
+    ax, au, as_, _ = local(geometry.vertices, min(a, b), p, n, corner)
+    bx, bu, bs, _ = local(geometry.vertices, max(a, b), p, n, corner)
+    x, y, z = au * bs - as_ * bu, as_ * bx - ax * bs, ax * bu - au * bx
+    return x * c0[0] + y * c0[1] + z * c0[2], x * c1[0] + y * c1[1] + z * c1[2], x, y, z
+
+
+@njit(cache=True)
+def _hidden_part(geometry, f, p, n, corner, c0, c1):
+    """The part [lo, hi] of the segment from corner c0 to c1 that a face hides; lo > hi for none."""
+    lo, hi = 0.0, 1.0
+    facing = 0.0
+    for i in range(3):
+        a, b = geometry.faces[f, i], geometry.faces[f, (i + 1) % 3]
+        d0, d1, x, y, z = _cut(geometry, a, b, p, n, corner, c0, c1)
+        if i == 0:
+            cx, cu, cs, _ = local(geometry.vertices, geometry.faces[f, 2], p, n, corner)
+            facing = x * cx + y * cu + z * cs
+            facing = facing if a < b else -facing
+            if facing == 0.0:
+                return 1.0, 0.0  # seen edge-on
+        if (facing > 0.0) != (a < b):
+            d0, d1 = -d0, -d1
+        if d0 < 0.0 and d1 < 0.0:
+            return 1.0, 0.0
+        if d0 < 0.0:
+            lo = max(lo, d0 / (d0 - d1))
+        elif d1 < 0.0:
+            hi = min(hi, d0 / (d0 - d1))
+    return lo, hi
+
+
+@njit(cache=True)
+def _node_misses(box, p, n, corner, segments, slack):
+    """True where a box lies below the horizon, or away from the planes of all four segments."""
+    x, y, z = box[0] - p[0], box[1] - p[1], box[2] - p[2]
+    if n[0] * x + n[1] * y + n[2] * z + abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5] < -slack:
+        return True
+    up, side = turn(y, z, corner)
+    half_up, half_side = (box[4], box[5]) if corner % 2 == 0 else (box[5], box[4])
+    for i in range(4):
+        a, b, c = segments[i, 0], segments[i, 1], segments[i, 2]
+        if abs(a * x + b * up + c * side) <= abs(a) * box[3] + abs(b) * half_up + abs(c) * half_side + slack:
+            return False
+    return True
+
+
+@njit(cache=True)
+def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out):
+    """Append the visible intervals of isoline k, in t, between its ends at the horizon.
+
+    Parameters
+    ----------
+    tree : FaceHierarchy
+    left, right : float
+        Reach of the isoline above the horizon (octahedral.horizon_reach).
+    out : (capacity, 2) float64
+        Rows before n_out are kept; grown where needed.
+
+    Returns
+    -------
+    out, n_out
+    """
+    u = isoline_u(k, n_lines)
+    slack = 4.0 * side_rounding(p)
+    segments = np.empty((4, 3))
+    for i in range(4):
+        c0, c1 = _corner(u, i), _corner(u, i + 1)
+        segments[i, 0] = c0[1] * c1[2] - c0[2] * c1[1]
+        segments[i, 1] = c0[2] * c1[0] - c0[0] * c1[2]
+        segments[i, 2] = c0[0] * c1[1] - c0[1] * c1[0]
+
+    # Collect what each face hides.
+    lows, highs = np.empty(64), np.empty(64)
+    n_hidden = 0
+    n_faces = len(tree.order)
+    node, level = 0, 0
+    while True:
+        near = not _node_misses(tree.boxes[node], p, n, corner, segments, slack)
+        if near and level < tree.depth:
+            node = 2 * node + 1
+            level += 1
+            continue
+        if near:
+            first, last = node_range(n_faces, level, node + 1 - (1 << level))
+            for j in range(first, last):
+                for i in range(4):
+                    c0, c1 = _corner(u, i), _corner(u, i + 1)
+                    lo, hi = _hidden_part(geometry, tree.order[j], p, n, corner, c0, c1)
+                    if lo <= hi:
+                        if n_hidden == len(lows):
+                            lows, highs = grow(lows, 2 * n_hidden), grow(highs, 2 * n_hidden)
+                        start = i if i < 2 else i - 4
+                        lows[n_hidden], highs[n_hidden] = start + lo, start + hi
+                        n_hidden += 1
+        while node > 0 and node % 2 == 0:
+            node = (node - 1) >> 1
+            level -= 1
+        if node == 0:
+            break
+        node += 1
+
+    # What lies between them is visible.
+    sort_pairs(lows, highs, 0, n_hidden)
+    if n_out + n_hidden + 1 > len(out):
+        longer = np.empty((2 * len(out) + n_hidden, 2))
+        longer[:n_out] = out[:n_out]
+        out = longer
+    t = -left
+    for j in range(n_hidden + 1):
+        end = min(lows[j], right) if j < n_hidden else right
+        if end > t:
+            out[n_out, 0], out[n_out, 1] = t, end
+            n_out += 1
+        if j < n_hidden:
+            t = max(t, highs[j])
+    return out, n_out

@@ -1,0 +1,86 @@
+"""Balanced trees without pointers: the one builder behind both hierarchies.
+
+A tree of depth D over n items is complete: node i has children 2i + 1 and 2i + 2, and the j-th node of
+level l holds the items n j >> l up to n (j + 1) >> l of the order that `balanced_order` returns. Every
+level is partitioned in parallel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+LEAF_SIZE = 6  # items a leaf holds at most
+
+
+def tree_depth(n_items: int) -> int:
+    """Levels below the root, such that no leaf holds more than LEAF_SIZE items."""
+    depth = 0
+    while (n_items + (1 << depth) - 1) >> depth > LEAF_SIZE:
+        depth += 1
+    return depth
+
+
+@njit(cache=True)
+def node_range(n_items, level, j):
+    """First and one past the last item of the j-th node of a level."""
+    return (n_items * j) >> level, (n_items * (j + 1)) >> level
+
+
+@njit(cache=True)
+def _select(keys, items, lo, hi, k, axis):
+    """Rearrange [lo, hi) so that item k has its sorted place along axis (Hoare's quickselect)."""
+    width = keys.shape[1]
+    while hi - lo > 1:
+        a, b, c = keys[lo, axis], keys[(lo + hi) >> 1, axis], keys[hi - 1, axis]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = lo, hi - 1
+        while i <= j:
+            while keys[i, axis] < pivot:
+                i += 1
+            while keys[j, axis] > pivot:
+                j -= 1
+            if i <= j:
+                for d in range(width):
+                    keys[i, d], keys[j, d] = keys[j, d], keys[i, d]
+                items[i], items[j] = items[j], items[i]
+                i += 1
+                j -= 1
+        if k <= j:
+            hi = j + 1
+        elif k >= i:
+            lo = i
+        else:
+            return
+
+
+@njit(cache=True, parallel=True)
+def _split_level(keys, items, level):
+    """Split every node of one level at the median of the axis in which its keys spread the most."""
+    n, width = keys.shape
+    for j in prange(1 << level):
+        lo, hi = node_range(n, level, j)
+        best, spread = 0, -1.0
+        for d in range(width):
+            low, high = np.inf, -np.inf
+            for i in range(lo, hi):
+                low = min(low, keys[i, d])
+                high = max(high, keys[i, d])
+            if high - low > spread:
+                best, spread = d, high - low
+        _select(keys, items, lo, hi, (n * (2 * j + 1)) >> (level + 1), best)
+
+
+def balanced_order(keys: np.ndarray) -> tuple[np.ndarray, int]:
+    """Order of the items in the leaves, and the depth of the tree.
+
+    Parameters
+    ----------
+    keys : (n, d) float32
+        What to keep together; overwritten.
+    """
+    items = np.arange(len(keys), dtype=np.int32)
+    depth = tree_depth(len(keys))
+    for level in range(depth):
+        _split_level(keys, items, level)
+    return items, depth

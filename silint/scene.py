@@ -1,0 +1,203 @@
+"""The scene: a triangle mesh as the file has it, and what silint needs to know of it."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.core.topology import Topology, Welding, build_topology
+from silint.io import mesh_data, read_mesh
+from silint.validation import InputError, mesh_arrays
+
+if TYPE_CHECKING:
+    import trimesh
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Scene:
+    """An immutable triangle mesh.
+
+    Any triangles will do: open, non-manifold, inconsistently wound, with duplicate or degenerate faces.
+    Nothing is repaired; `defects` counts what was found.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (V, 3)
+        Positions in any unit.
+    faces : array_like of int, shape (F, 3)
+        Rows of `vertices`, counter-clockwise from the front.
+    normals : array_like, shape (V, 3), optional
+        The file's own vertex normals; those that are zero or not finite count as missing.
+    name : str
+        For messages.
+
+    Raises
+    ------
+    silint.InputError
+        Empty arrays, wrong shapes, non-finite vertices or indices out of range.
+    """
+
+    def __init__(
+        self,
+        vertices: npt.ArrayLike,
+        faces: npt.ArrayLike,
+        normals: npt.ArrayLike | None = None,
+        name: str = "",
+    ) -> None:
+        v, f, float32_source = mesh_arrays(vertices, faces)
+        self.vertices: FloatArray = _frozen(v)
+        self.faces: npt.NDArray[np.int32] = _frozen(f)
+        self.normals: FloatArray | None = None
+        if normals is not None:
+            own = np.asarray(normals, dtype=np.float64)
+            if own.shape != self.vertices.shape:
+                raise InputError(f"normals has shape {own.shape}; expected {self.vertices.shape}, one a vertex")
+            self.normals = _frozen(own)
+        self.name = name
+        self.float32_source = float32_source
+
+    @classmethod
+    def from_trimesh(cls, mesh: trimesh.Trimesh | trimesh.Scene) -> Scene:
+        """A scene from a trimesh mesh, or from a trimesh scene with its transforms applied."""
+        return _from_data(mesh_data(mesh))
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of the file's vertices."""
+        return len(self.vertices)
+
+    @property
+    def n_faces(self) -> int:
+        """Number of the file's faces."""
+        return len(self.faces)
+
+    @property
+    def extent(self) -> float:
+        """The longest side of the bounding box, in the file's unit."""
+        used = self.vertices[np.unique(self.faces)]
+        return float((used.max(axis=0) - used.min(axis=0)).max())
+
+    @cached_property
+    def _connected(self) -> tuple[Topology, Welding, dict[str, int]]:
+        return build_topology(self.vertices, self.faces)
+
+    @property
+    def topology(self) -> Topology:
+        """Welded vertices, edges with all their faces, planes (scaled by a power of two)."""
+        return self._connected[0]
+
+    @property
+    def welding(self) -> Welding:
+        """How the file's vertices and faces map to the topology's, and the scale between them."""
+        return self._connected[1]
+
+    @property
+    def defects(self) -> dict[str, int]:
+        """Counts of boundary, non-manifold and inconsistently wound edges, duplicate and zero-area faces,
+        unreferenced vertices, and vertices that share their position with an earlier one."""
+        return dict(self._connected[2])
+
+    def vertex_normals(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Unit normals of the file's vertices.
+
+        Returns
+        -------
+        normals : (V, 3)
+            The file's own where it has them, else the angle-weighted mean of the normals of all faces that
+            meet at the vertex's position [Thuermer and Wuethrich 1998].
+        valid : (V,) bool
+            False where a vertex has neither; its normal is then (0, 0, 1) and means nothing.
+        """
+        normals = self._angle_weighted_normals()
+        if self.normals is not None:
+            own = np.where(np.isfinite(self.normals), self.normals, 0.0)
+            own = _unit(own)
+            has_own = own.any(axis=1)
+            normals[has_own] = own[has_own]
+        valid = normals.any(axis=1)
+        normals[~valid] = (0.0, 0.0, 1.0)
+        return normals, valid
+
+    def _angle_weighted_normals(self) -> FloatArray:
+        topology, welding = self.topology, self.welding
+        corners = topology.vertices[topology.faces]
+        face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        face_normals = _unit(face_normals)
+        total = np.zeros_like(topology.vertices)
+        for i in range(3):
+            a = _unit(corners[:, (i + 1) % 3] - corners[:, i])
+            b = _unit(corners[:, (i + 2) % 3] - corners[:, i])
+            angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
+            for axis in range(3):
+                total[:, axis] += np.bincount(
+                    topology.faces[:, i], angle * face_normals[:, axis], minlength=len(total)
+                )
+        # Opposite faces cancel to rounding; what is left then is no direction.
+        total[np.linalg.norm(total, axis=1) < 1e-9] = 0.0
+        normals: FloatArray = _unit(total)[welding.vertex_map]
+        normals[~np.isin(np.arange(self.n_vertices), self.faces)] = 0.0
+        return normals
+
+    def face_centers_normals(self) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Centroids and unit normals of the file's faces; False where a face has no area."""
+        corners = self.vertices[self.faces]
+        scaled = np.ldexp(corners, -self.welding.exponent)
+        normals = _unit(np.cross(scaled[:, 1] - scaled[:, 0], scaled[:, 2] - scaled[:, 0]))
+        valid = normals.any(axis=1)
+        normals[~valid] = (0.0, 0.0, 1.0)
+        return corners.mean(axis=1), normals, valid
+
+    def __repr__(self) -> str:
+        title = f" {self.name!r}" if self.name else ""
+        return f"<silint.Scene{title}: {self.n_faces:,} triangles, {self.n_vertices:,} vertices>"
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene from any mesh file that trimesh reads: .obj .ply .stl .glb .gltf .off.
+
+    Scene graphs are flattened with their transforms. The file's vertices keep their order; those at one
+    position are welded for topology only.
+
+    Raises
+    ------
+    silint.InputError
+        The file is missing, damaged, not a mesh, or empty; one line names it.
+    """
+    return _from_data(read_mesh(path))
+
+
+def as_scene(source: Any) -> Scene:
+    """A scene from a scene, a path, or a trimesh object."""
+    if isinstance(source, Scene):
+        return source
+    if isinstance(source, str | os.PathLike):
+        return load_scene(source)
+    if hasattr(source, "vertices") and hasattr(source, "faces") or hasattr(source, "geometry"):
+        return Scene.from_trimesh(source)
+    raise InputError(f"scene is a {type(source).__name__}; expected a Scene, a path or a trimesh object")
+
+
+def _from_data(data: Any) -> Scene:
+    scene = Scene(data.vertices, data.faces, data.normals, data.name)
+    scene.float32_source = data.float32_source
+    return scene
+
+
+def _frozen(array: Any) -> Any:
+    """A read-only copy: the caller's array stays the caller's."""
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Unit vectors, zero where there is no direction; safe for any magnitude."""
+    size = np.abs(vectors).max(axis=-1, keepdims=True)
+    scaled = np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return np.divide(scaled, length, out=scaled, where=length > 0.0)

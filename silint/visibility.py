@@ -1,0 +1,169 @@
+"""Visible regions as values: found once, integrated as often as wanted."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.core.integrands import fractions
+from silint.core.prefix_table import PrefixTable, build_prefix_table, integrate_intervals
+from silint.io import check_output, write_bytes
+from silint.validation import InputError, choice, unit_vector
+
+FloatArray = npt.NDArray[np.float64]
+WEIGHTINGS = ("cosine", "uniform")
+_SCHEMA = 1
+
+
+class Result(NamedTuple):
+    """A value with what is known about it."""
+
+    value: FloatArray
+    """What the plain call returns."""
+    error_estimate: FloatArray
+    """(n,) half the difference between the values of the even and of the odd isolines: pessimistic, since
+    the value uses both."""
+    diagnostics: Mapping[str, int]
+    """Counts over all points; see `SilhouetteIntegrator`."""
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """Visible intervals on the octahedral isolines of shade points.
+
+    Phase one of the method: it knows no integrand, and everything here integrates without the scene.
+
+    Attributes
+    ----------
+    normals : (n, 3) float64
+        Unit normals; only what lies above their horizons is described.
+    isolines : int
+        K, the number of isolines.
+    offsets : (n K + 1,) int64
+        The intervals of isoline k of point i are rows ``offsets[i K + k]`` to ``offsets[i K + k + 1]``.
+    intervals : (m, 2) float64
+        Start in [0, 4) and end of each interval in the loop coordinate (silint.core.conventions); an end
+        past 4 has gone round.
+    """
+
+    normals: FloatArray
+    isolines: int
+    offsets: npt.NDArray[np.int64]
+    intervals: FloatArray
+    method: str = "octahedral"
+    diagnostics: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.normals)
+
+    def ambient_occlusion(self, weighting: str = "cosine") -> FloatArray:
+        """Open fraction of each hemisphere, (n,); see `SilhouetteIntegrator.ambient_occlusion`."""
+        choice(weighting, "weighting", WEIGHTINGS)
+        return fractions.hemisphere_fraction(self.normals, self._visible, self.isolines, weighting)[0]
+
+    def bent_normals(self) -> FloatArray:
+        """Mean unoccluded directions, (n, 3); see `SilhouetteIntegrator.bent_normals`."""
+        return fractions.bent_normal(self.normals, self._visible, self.isolines)[0]
+
+    def sky_view_factor(self, up: npt.ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
+        """Fraction of the light of a uniform sky, (n,); see `SilhouetteIntegrator.sky_view_factor`."""
+        axis = unit_vector(up, "up")
+        return fractions.sky_view_factor(self.normals, self._visible, self.isolines, axis)[0]
+
+    def integrate(self, table: PrefixTable | Any) -> FloatArray:
+        """int V f dw above each horizon, for any function f.
+
+        Parameters
+        ----------
+        table : PrefixTable, or callable
+            A table from `prefix_table` with as many isolines, or a function that takes unit directions
+            (m, 3) to values (m, C) or (m,), which is tabulated first.
+
+        Returns
+        -------
+        (n, C) float64
+            In units of f times steradians.
+        """
+        if callable(table):
+            table = prefix_table(table, self.isolines)
+        if not isinstance(table, PrefixTable):
+            raise InputError(f"table is a {type(table).__name__}; expected a PrefixTable or a function")
+        if len(table.values) != self.isolines:
+            raise InputError(
+                f"table has {len(table.values)} isolines; this visibility has {self.isolines}"
+            )
+        parts = integrate_intervals(table.values, table.nodes_per_quarter, *self._visible, self.isolines)
+        total: FloatArray = parts.sum(axis=1)
+        return total
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to a .npz file, whole or not at all."""
+        target = check_output(path, (".npz",))
+        arrays = {
+            "schema": np.int64(_SCHEMA),
+            "normals": self.normals,
+            "isolines": np.int64(self.isolines),
+            "offsets": self.offsets,
+            "intervals": self.intervals,
+            "method": np.str_(self.method),
+        }
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **arrays)
+        write_bytes(target, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Visibility:
+        """Read what `save` wrote."""
+        try:
+            with np.load(path) as data:
+                if int(data["schema"]) != _SCHEMA:
+                    raise InputError(f"{path}: schema {int(data['schema'])}; this silint reads {_SCHEMA}")
+                return cls(
+                    data["normals"],
+                    int(data["isolines"]),
+                    data["offsets"],
+                    data["intervals"],
+                    str(data["method"]),
+                )
+        except (OSError, KeyError, ValueError, EOFError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path}: not a visibility file of silint") from None
+
+    @property
+    def _visible(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        return self.offsets, self.intervals
+
+
+def prefix_table(function: Any, isolines: int = 64, nodes_per_quarter: int = 256) -> PrefixTable:
+    """Tabulate a function over the sphere for `Visibility.integrate`.
+
+    Parameters
+    ----------
+    function : callable
+        Unit directions (m, 3) -> values (m, C) or (m,). Smooth at the scale of a cell: features narrower
+        than 2 / isolines or 1 / nodes_per_quarter of a quarter turn blur.
+    isolines : int
+        Of the visibility to integrate.
+    nodes_per_quarter : int
+        Nodes on each of the four sides of an isoline.
+
+    Returns
+    -------
+    PrefixTable
+        Its totals are the integrals over the whole sphere: a constant 1 sums to 4 pi to rounding.
+    """
+
+    def columns(directions: FloatArray) -> FloatArray:
+        values = np.asarray(function(directions), dtype=np.float64)
+        if values.shape[:1] != (len(directions),) or values.ndim > 2:
+            raise InputError(f"function returned shape {values.shape} for {len(directions)} directions")
+        return values.reshape(len(directions), -1)
+
+    return build_prefix_table(columns, isolines, nodes_per_quarter)
