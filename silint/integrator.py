@@ -14,6 +14,7 @@ from silint.core.contour import CONTOURS, CROSSINGS, EDGES, FALLBACK, N_TALLY, N
 from silint.core.edge_hierarchy import EdgeHierarchy, build_edge_hierarchies
 from silint.core.face_hierarchy import build_face_hierarchy
 from silint.core.integrands import fractions
+from silint.core.lift import lift_points
 from silint.core.sweep import BLOCK, pack_intervals, visible_intervals
 from silint.plan import Part, Plan
 from silint.scene import Scene, as_scene
@@ -24,11 +25,12 @@ METHODS = ("auto", "octahedral")
 MAX_ISOLINES = 1 << 16
 Progress = Callable[[int, int], None]
 
-# A shade point is lifted off its surface along its normal by this part of the scene's extent: far above the
-# rounding of the mesh, so that a vertex or an edge below it keeps its direction to 1e-5, and far below any
-# feature that the coordinates can express.
-LIFT = 2.0**-36
-LIFT_FLOAT32 = 64 * 2.0**-24
+# Shade points are lifted along their normals by the first distance, and off the faces that touch them and hold
+# their normal by the second; a face touches within the third (core.lift). In units of the scene, for points
+# that are exact in float64 and for coordinates that came as float32. Far above the rounding of the mesh, so
+# that an edge below a lifted point keeps its direction to 1e-5; far below any feature of a mesh.
+LIFT = (2.0**-36, 2.0**-44, 2.0**-48)
+LIFT_FLOAT32 = (2.0**-18, 2.0**-21, 2.0**-23)
 
 # A call into the kernels is kept near this time, so that Ctrl-C and progress bars stay responsive.
 _CHUNK_SECONDS = 0.2
@@ -343,8 +345,10 @@ class SilhouetteIntegrator:
         if len(far):
             raise InputError(f"points row {far[0]} lies more than 1e100 scene extents away")
         lift = LIFT_FLOAT32 if float32_points or self.scene.float32_source else LIFT
-        size = np.maximum(np.abs(p).max(axis=1, initial=0.0), 1.0)
-        return p + (lift * size)[:, None] * n, n
+        lifted = np.empty_like(p)
+        with _KERNEL_LOCK:
+            lift_points(self._geometry, self._trees[2], p, n, *lift, lifted)
+        return lifted, n
 
     def _chunks(
         self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None, cover_all: bool = False

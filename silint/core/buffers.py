@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def grow(array, capacity):
     """A longer copy of a 1D array; what lies beyond its old end is not set."""
     grown = np.empty(capacity, array.dtype)
@@ -14,7 +14,7 @@ def grow(array, capacity):
     return grown
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sort_pairs(key, value, lo, hi):
     """Sort [lo, hi) of two arrays by the first: quicksort down to short runs, then insertion."""
     stack = np.empty(128, np.int64)

@@ -19,7 +19,7 @@ from silint.core.topology import ULP
 NODES, EDGES, CONTOURS, CROSSINGS, SNAPPED, FALLBACK, N_TALLY = 0, 1, 2, 3, 4, 5, 6
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def height(vertices, v, p, n):
     """Height of a vertex above the horizon plane of (p, n). A vertex at p itself is seen along -n."""
     x, y, z = vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
@@ -28,13 +28,13 @@ def height(vertices, v, p, n):
     return n[0] * x + n[1] * y + n[2] * z
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def side_rounding(p):
     """Bound of the rounding of N.p + d for any unit N and |d| <= sqrt(3)."""
     return 8.0 * ULP * (1.0 + abs(p[0]) + abs(p[1]) + abs(p[2]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def plane_side(plane, error, p, n):
     """Side of the plane on which p lies: +1 in front, -1 behind; +3 or -3 where rounding could not tell.
 
@@ -53,7 +53,16 @@ def plane_side(plane, error, p, n):
     return 3 if s > 0.0 else -3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def face_side(geometry, f, p, n, rounding):
+    """Side of a face on which p lies, as `plane_side`."""
+    code = geometry.face_planes[f]
+    k = max(code, ~code)
+    side = plane_side(geometry.planes[k], geometry.plane_errors[k] + rounding, p, n)
+    return side if code >= 0 else -side
+
+
+@njit(cache=True, error_model="numpy")
 def edge_jump(planes, plane_errors, codes, first, last, p, n, rounding):
     """Jump of the depth count across an edge with the plane codes [first, last); and how many sides were snapped."""
     jump = 0
@@ -72,7 +81,7 @@ def edge_jump(planes, plane_errors, codes, first, last, p, n, rounding):
     return jump, snapped
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _node_misses(row, p, n, rounding):
     """True where no edge of the node can be a contour that reaches above the horizon."""
     x, y, z = p[0] - row[CENTRE], p[1] - row[CENTRE + 1], p[2] - row[CENTRE + 2]
@@ -84,7 +93,7 @@ def _node_misses(row, p, n, rounding):
     return abs(middle) > width + row[OFFSET_HALF] + rounding
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gather_contours(geometry, tree, p, n, contours, count, tally):
     """Append the contour edges of one hierarchy that reach above the horizon of (p, n).
 

@@ -3,7 +3,7 @@
 Every face hides an interval of the isoline; what no face hides is visible. No contours, no depth count, no
 start: any soup of triangles. Within an octant an isoline is the straight segment between two corners of its
 diamond, and a face hides the part where three linear functions (the planes through the shade point and the
-face's edges) have the right sign. Edges are taken with their lower vertex first, so that two faces cut the
+face's edges) have the sign that its side says. Edges are taken with their lower vertex first, so that two faces cut the
 isoline at their common edge in bit-identical places and nothing shows between them.
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 from numba import njit
 
 from silint.core.buffers import grow, sort_pairs
-from silint.core.contour import side_rounding
+from silint.core.contour import face_side, side_rounding
 from silint.core.octahedral import isoline_u, local, turn
 from silint.core.partition import node_range
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _corner(u, i):
     """Corner i of the diamond of u as (x, U, S): 0 the highest, then counter-clockwise."""
     r = 1.0 - abs(u)
@@ -31,30 +31,27 @@ def _corner(u, i):
     return u, 0.0, -r
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cut(geometry, a, b, p, n, corner, c0, c1):
-    """The plane through p and the edge a-b, at the two ends of a segment of the isoline, as seen from a < b."""
-    ax, au, as_, _ = local(geometry.vertices, min(a, b), p, n, corner)
-    bx, bu, bs, _ = local(geometry.vertices, max(a, b), p, n, corner)
+    """Signed distances of the two ends of a segment of the isoline from the plane through p and a-b."""
+    ax, au, as_, _ = local(geometry.vertices, a, p, n, corner)
+    bx, bu, bs, _ = local(geometry.vertices, b, p, n, corner)
     x, y, z = au * bs - as_ * bu, as_ * bx - ax * bs, ax * bu - au * bx
-    return x * c0[0] + y * c0[1] + z * c0[2], x * c1[0] + y * c1[1] + z * c1[2], x, y, z
+    d0, d1 = x * c0[0] + y * c0[1] + z * c0[2], x * c1[0] + y * c1[1] + z * c1[2]
+    if d0 == 0.0 and d1 == 0.0:
+        return x, x  # a segment in the plane counts as a little further along x, as line indices have it
+    return d0, d1
 
 
-@njit(cache=True)
-def _hidden_part(geometry, f, p, n, corner, c0, c1):
+@njit(cache=True, error_model="numpy")
+def _hidden_part(geometry, f, p, n, corner, c0, c1, front):
     """The part [lo, hi] of the segment from corner c0 to c1 that a face hides; lo > hi for none."""
     lo, hi = 0.0, 1.0
-    facing = 0.0
     for i in range(3):
         a, b = geometry.faces[f, i], geometry.faces[f, (i + 1) % 3]
-        d0, d1, x, y, z = _cut(geometry, a, b, p, n, corner, c0, c1)
-        if i == 0:
-            cx, cu, cs, _ = local(geometry.vertices, geometry.faces[f, 2], p, n, corner)
-            facing = x * cx + y * cu + z * cs
-            facing = facing if a < b else -facing
-            if facing == 0.0:
-                return 1.0, 0.0  # seen edge-on
-        if (facing > 0.0) != (a < b):
+        d0, d1 = _cut(geometry, min(a, b), max(a, b), p, n, corner, c0, c1)
+        # In front of a face, what it hides lies to the right of its edges.
+        if (a < b) == front:
             d0, d1 = -d0, -d1
         if d0 < 0.0 and d1 < 0.0:
             return 1.0, 0.0
@@ -65,7 +62,7 @@ def _hidden_part(geometry, f, p, n, corner, c0, c1):
     return lo, hi
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _node_misses(box, p, n, corner, segments, slack):
     """True where a box lies below the horizon, or away from the planes of all four segments."""
     x, y, z = box[0] - p[0], box[1] - p[1], box[2] - p[2]
@@ -80,7 +77,7 @@ def _node_misses(box, p, n, corner, segments, slack):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out):
     """Append the visible intervals of isoline k, in t, between its ends at the horizon.
 
@@ -97,7 +94,8 @@ def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out
     out, n_out
     """
     u = isoline_u(k, n_lines)
-    slack = 4.0 * side_rounding(p)
+    rounding = side_rounding(p)
+    slack = 4.0 * rounding
     segments = np.empty((4, 3))
     for i in range(4):
         c0, c1 = _corner(u, i), _corner(u, i + 1)
@@ -119,9 +117,11 @@ def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out
         if near:
             first, last = node_range(n_faces, level, node + 1 - (1 << level))
             for j in range(first, last):
+                f = tree.order[j]
+                front = face_side(geometry, f, p, n, rounding) > 0
                 for i in range(4):
                     c0, c1 = _corner(u, i), _corner(u, i + 1)
-                    lo, hi = _hidden_part(geometry, tree.order[j], p, n, corner, c0, c1)
+                    lo, hi = _hidden_part(geometry, f, p, n, corner, c0, c1, front)
                     if lo <= hi:
                         if n_hidden == len(lows):
                             lows, highs = grow(lows, 2 * n_hidden), grow(highs, 2 * n_hidden)

@@ -19,26 +19,32 @@ import math
 import numpy as np
 from numba import njit
 
-from silint.core.contour import plane_side, side_rounding
+from silint.core.contour import face_side, side_rounding
 from silint.core.partition import node_range
 
 # A vertex at the shade point itself is seen along -n; its distance only has to be small.
 AT_POINT = 2.0**-500
 
+# The order of a cut at the very end of an edge; a cut that does not exist comes after it.
+LAST = 1.7e308
 
-@njit(cache=True)
+# A plane closer to p than this many times its rounding shows a face whose outline is all rounding.
+THIN = 64.0
+
+
+@njit(cache=True, error_model="numpy")
 def isoline_u(k, n_lines):
     """Position of isoline k."""
     return (2 * k + 1 - n_lines) / n_lines
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def line_index(u, n_lines):
     """Number of isolines below u."""
     return min(max(int(math.ceil(0.5 * (u + 1.0) * n_lines - 0.5)), 0), n_lines)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def start_corner(n):
     """Loop coordinate (0, 1, 2 or 3) of the axis U: the corner of every diamond that lies highest over n."""
     if abs(n[1]) >= abs(n[2]):
@@ -46,7 +52,7 @@ def start_corner(n):
     return 1 if n[2] >= 0.0 else 3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turn(y, z, corner):
     """Coordinates along U and along the side axis S, the next corner counter-clockwise."""
     if corner == 0:
@@ -58,7 +64,7 @@ def turn(y, z, corner):
     return -z, y
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def local(vertices, v, p, n, corner):
     """Direction from p to a vertex, along x, U and S, and its height above the horizon."""
     x, y, z = vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
@@ -68,7 +74,7 @@ def local(vertices, v, p, n, corner):
     return x, up, side, n[0] * x + n[1] * y + n[2] * z
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def horizon_reach(n, corner, k, n_lines):
     """How far isoline k runs above the horizon, to the left and to the right of t = 0; (-1, -1) if it does not."""
     up, side = turn(n[1], n[2], corner)
@@ -82,7 +88,7 @@ def horizon_reach(n, corner, k, n_lines):
     return _reach(top, left, bottom), _reach(top, right, bottom)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _reach(top, side, bottom):
     """Where a run that starts at height `top` and falls over `side` to `bottom` meets the horizon."""
     if side <= 0.0:
@@ -92,7 +98,7 @@ def _reach(top, side, bottom):
     return 2.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _curve_crossing(up_a, side_a, up_b, side_b):
     """+1 or -1 where the edge a-b crosses the start half-plane (side = 0, up >= 0), by the sign of dt; else 0.
 
@@ -101,14 +107,14 @@ def _curve_crossing(up_a, side_a, up_b, side_b):
     if (side_a >= 0.0) == (side_b >= 0.0):
         return 0
     above = up_a >= 0.0
-    if above != (up_b >= 0.0) and up_a / (up_a - up_b) <= side_a / (side_a - side_b):
+    if above != (up_b >= 0.0) and abs(up_a) / abs(up_b) <= abs(side_a) / abs(side_b):
         above = not above
     if not above:
         return 0
     return 1 if side_b >= 0.0 else -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pole_count(geometry, tree, p, n, corner):
     """Depth count W at the pole of the octahedron above the horizon, +x or -x [start of the start curve].
 
@@ -143,27 +149,80 @@ def pole_count(geometry, tree, p, n, corner):
         node += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _covers_pole(geometry, f, p, n, corner, pole, rounding):
+    """Depth count of one face at the pole.
+
+    Along the start curve from this pole to the other the face's count changes by `walk`, and at both ends it
+    is 0 or 1. So -1 means that it starts at 1, and 1 that it starts at 0; 0 means that the face covers neither.
+    """
     winding = 0
     for i in range(3):
         a, b = geometry.faces[f, i], geometry.faces[f, (i + 1) % 3]
-        lower, upper = min(a, b), max(a, b)
-        _, up_a, side_a, _ = local(geometry.vertices, lower, p, n, corner)
-        _, up_b, side_b, _ = local(geometry.vertices, upper, p, n, corner)
+        _, up_a, side_a, _ = local(geometry.vertices, min(a, b), p, n, corner)
+        _, up_b, side_b, _ = local(geometry.vertices, max(a, b), p, n, corner)
         crossing = _curve_crossing(up_a, side_a, up_b, side_b)
         winding += crossing if a < b else -crossing
-    if winding == 0:
-        return 0
+    front = face_side(geometry, f, p, n, rounding) > 0
+    walk = pole * winding if front else -pole * winding
+
     code = geometry.face_planes[f]
     k = max(code, ~code)
-    side = plane_side(geometry.planes[k], geometry.plane_errors[k] + rounding, p, n)
-    front = (side > 0) == (code >= 0)
-    # In front of a face its vertices turn clockwise about the directions that it covers, seen from outside.
-    return 1 if (winding > 0) == (front == (pole < 0)) else 0
+    plane = geometry.planes[k]
+    distance = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]
+    if abs(distance) > THIN * (geometry.plane_errors[k] + rounding):
+        return 1 if walk < 0 else 0
+    return _thin_covers_pole(geometry, f, p, n, corner, pole, walk, plane, front, code >= 0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, plane, front, along):
+    """The same for a face whose plane passes through p but for rounding.
+
+    It is seen edge-on, as a sliver whose turning sense means nothing, or, if p lies on the face itself, as a
+    hemisphere, which may hold both poles or neither. Where its plane cuts the axis of the poles tells which.
+    """
+    plane_up, plane_side_ = turn(plane[1], plane[2], corner)
+    across_side = abs(plane_up) >= abs(plane_side_)  # the in-plane coordinate beside x is S, else U
+    positive = negative = False
+    first, first_x, second_x = 0, 0.0, 0.0
+    n_crossings = 0
+    side_sign = 1.0
+    for i in range(3):
+        a, b = geometry.faces[f, i], geometry.faces[f, (i + 1) % 3]
+        xa, up_a, side_a, _ = local(geometry.vertices, min(a, b), p, n, corner)
+        xb, up_b, side_b, _ = local(geometry.vertices, max(a, b), p, n, corner)
+        side_sign = 1.0 if side_a >= 0.0 else -1.0
+        ta, tb = (side_a, side_b) if across_side else (up_a, up_b)
+        if (ta >= 0.0) != (tb >= 0.0):
+            x = xa * abs(tb) + xb * abs(ta)
+            positive = positive or x > 0.0
+            negative = negative or x < 0.0
+        crossing = _curve_crossing(up_a, side_a, up_b, side_b)
+        if crossing != 0:
+            x = pole * (xa * abs(side_b) + xb * abs(side_a)) / (abs(side_a) + abs(side_b))
+            gain = pole * (crossing if a < b else -crossing)
+            if n_crossings == 0 or x > first_x:
+                first, first_x, second_x = gain, x, first_x
+            else:
+                second_x = x
+            n_crossings += 1
+    on_face = positive and negative
+    crosses_axis = abs(plane[0]) < 0.5
+    if walk != 0:
+        if on_face or not crosses_axis:
+            return 1 if walk < 0 else 0
+        return -walk if positive == (pole > 0) else 0
+    if not (on_face and crosses_axis):
+        return 0
+    if n_crossings == 2 and first_x != second_x:
+        return 1 if (first < 0) == front else 0
+    # The whole start curve lies on one side of the hemisphere's rim.
+    height = plane_up if across_side else -side_sign * plane_side_
+    return 1 if (height < 0.0) == (front == along) else 0
+
+
+@njit(cache=True, error_model="numpy")
 def cross_edge(geometry, contour, p, n, corner, lines, crossings, count):
     """Record where one contour edge crosses isolines, start curve and horizon.
 
@@ -192,48 +251,54 @@ def cross_edge(geometry, contour, p, n, corner, lines, crossings, count):
         u1, v1, w1, k1 = _project(bx, bu, bs, n_lines)
         return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
 
-    # Cuts at the coordinate planes, in order along the edge; U before S where they tie.
-    c0, c1, c2 = 2.0, 2.0, 2.0
+    # Cuts at the coordinate planes and at the horizon, in order along the edge; U before S where they tie.
+    # A cut is known by the ratio of the ends' distances from its plane and lies at |b| A + |a| B: both keep
+    # their precision however close to an end the cut is.
+    cut_x, cut_up, cut_side = np.inf, np.inf, np.inf
     if (ax >= 0.0) != (bx >= 0.0):
-        c0 = ax / (ax - bx)
+        cut_x = min(abs(ax) / abs(bx), LAST)
     if up != (bu >= 0.0):
-        c1 = au / (au - bu)
+        cut_up = min(abs(au) / abs(bu), LAST)
     if right != (bs >= 0.0):
-        c2 = as_ / (as_ - bs)
-    horizon = 2.0 if ah > 0.0 and bh > 0.0 else ah / (ah - bh)
-    dx, du, ds = bx - ax, bu - au, bs - as_
+        cut_side = min(abs(as_) / abs(bs), LAST)
+    cut_horizon = np.inf
+    if not (ah > 0.0 and bh > 0.0):
+        cut_horizon = min(abs(ah) / abs(bh), LAST)
+    hx, hu, hs = abs(bh) * ax + abs(ah) * bx, abs(bh) * au + abs(ah) * bu, abs(bh) * as_ + abs(ah) * bs
 
     visible = ah > 0.0
-    entered = visible
     while True:
-        t = min(c0, c1, c2)
-        if not entered and horizon <= t:
-            # Rise above the horizon.
-            u0, v0, w0, k0 = _project(ax + horizon * dx, au + horizon * du, as_ + horizon * ds, n_lines)
+        cut = min(cut_x, cut_up, cut_side)
+        if cut_horizon <= cut and cut_horizon < np.inf:
+            u1, v1, w1, k1 = _project(hx, hu, hs, n_lines)
+            if visible:
+                # Sink below the horizon.
+                count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
+                if right:
+                    lines.horizon_right[k1] += jump
+                else:
+                    lines.horizon_left[k1] -= jump
+                return count
+            # Rise above it.
             if right:
-                lines.horizon_right[k0] -= jump
+                lines.horizon_right[k1] -= jump
             else:
-                lines.horizon_left[k0] += jump
-            visible = entered = True
-        if visible and not bh > 0.0 and horizon <= t:
-            # Sink below it.
-            u1, v1, w1, k1 = _project(ax + horizon * dx, au + horizon * du, as_ + horizon * ds, n_lines)
-            count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
-            if right:
-                lines.horizon_right[k1] += jump
-            else:
-                lines.horizon_left[k1] -= jump
-            return count
-        if t > 1.0:
+                lines.horizon_left[k1] += jump
+            u0, v0, w0, k0 = u1, v1, w1, k1
+            visible, cut_horizon = True, np.inf
+            continue
+        if cut == np.inf:
             break
-        x, y, z = ax + t * dx, au + t * du, as_ + t * ds
-        if c0 == t:
-            axis, x, c0 = 0, 0.0, 2.0
-        elif c1 == t:
-            axis, y, c1 = 1, 0.0, 2.0
+        if cut == cut_x:
+            weight_a, weight_b, cut_x, axis = abs(bx), abs(ax), np.inf, 0
+        elif cut == cut_up:
+            weight_a, weight_b, cut_up, axis = abs(bu), abs(au), np.inf, 1
         else:
-            axis, z, c2 = 2, 0.0, 2.0
+            weight_a, weight_b, cut_side, axis = abs(bs), abs(as_), np.inf, 2
         if visible:
+            x = 0.0 if axis == 0 else weight_a * ax + weight_b * bx
+            y = 0.0 if axis == 1 else weight_a * au + weight_b * bu
+            z = 0.0 if axis == 2 else weight_a * as_ + weight_b * bs
             u1, v1, w1, k1 = _project(x, y, z, n_lines)
             count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
             if axis == 2 and up:
@@ -247,7 +312,7 @@ def cross_edge(geometry, contour, p, n, corner, lines, crossings, count):
     return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _project(x, up, side, n_lines):
     """Octahedral coordinates (u, |U|, |S|) of a direction, and its line index."""
     l1 = abs(x) + abs(up) + abs(side)
@@ -257,7 +322,7 @@ def _project(x, up, side, n_lines):
     return u, abs(up) / l1, abs(side) / l1, line_index(u, n_lines)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cross_lines(u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, lines, crossings, count):
     """Crossings of a piece of an edge within one octant: straight, so t is a ratio of linear functions of u."""
     if k0 == k1:

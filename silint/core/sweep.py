@@ -41,7 +41,7 @@ class Lines(NamedTuple):
     failed: np.ndarray  # (K,) bool: the isoline's counts contradict each other
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _new_lines(n_lines):
     return Lines(
         np.empty(n_lines),
@@ -57,7 +57,7 @@ def _new_lines(n_lines):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _reset(lines, n, corner):
     n_lines = len(lines.left)
     for k in range(n_lines):
@@ -71,7 +71,7 @@ def _reset(lines, n, corner):
     lines.failed[:] = False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _left_depths(lines, pole, at_pole):
     """W at the left end of every isoline: from the pole along the start curve, then down to the horizon."""
     n_lines = len(lines.left)
@@ -86,7 +86,7 @@ def _left_depths(lines, pole, at_pole):
         lines.depth[k] = w - lines.left_gain[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _check_horizon(lines):
     """Mark isolines whose depth counts at the horizon disagree with W walked along the horizon.
 
@@ -115,7 +115,7 @@ def _check_horizon(lines):
             lines.failed[k] = True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _is_partial(lines, k):
     """True where isoline k exists and crosses the horizon."""
     if k < 0 or k >= len(lines.left) or lines.left[k] < 0.0:
@@ -123,7 +123,7 @@ def _is_partial(lines, k):
     return lines.left[k] < 2.0 or lines.right[k] < 2.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sweep_line(position, gain, lo, hi, left, right, w, out, n_out):
     """Append the visible intervals of one isoline, in t, from its sorted crossings and W at its left end.
 
@@ -149,7 +149,7 @@ def _sweep_line(position, gain, lo, hi, left, right, w, out, n_out):
     return n_out, sound
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sweep_block(
     geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, cover_all, counts, tally
 ):
@@ -236,7 +236,7 @@ def _sweep_block(
     return found, n_found
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def visible_intervals(
     geometry,
     contour_tree,
@@ -281,7 +281,7 @@ def visible_intervals(
             intervals[block, :n_found] = found[:n_found]
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def pack_intervals(block_intervals, needed, block_starts, out):
     """Close the gaps between blocks."""
     for block in prange(len(needed)):

@@ -1,0 +1,101 @@
+"""Lifting shade points off the surfaces that they lie on.
+
+A point p with normal n is moved to p' = p + delta n, so that the faces it lies on are behind or before it and
+not through it. That leaves the faces that hold n itself: the walls round the foot of which a floor is baked.
+Those that touch p are found, and p' is moved a little to their front too: a point in the corner of a room
+sees the room, on either side of rounding. All else sees the point p' as it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from silint.core.partition import node_range
+
+# A face counts as holding n when the sine of the angle between them is below this.
+TANGENT = 2.0**-12
+
+
+@njit(cache=True, parallel=True)
+def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
+    """Move points off the mesh.
+
+    Parameters
+    ----------
+    geometry : Topology
+    tree : FaceHierarchy
+    points, normals : (n, 3) float64
+        In scaled units; unit normals.
+    lift, nudge, touch : float
+        Distances along n, along the mean normal of touched faces that hold n, and within which a face is
+        touched; all relative to the larger of the scene and the point's distance from the origin.
+    out : (n, 3) float64, out
+    """
+    for i in prange(len(points)):
+        p, n = points[i], normals[i]
+        size = max(1.0, abs(p[0]), abs(p[1]), abs(p[2]))
+        t0, t1, t2 = _touched_front(geometry, tree, p, n, touch * size)
+        out[i, 0] = p[0] + size * (lift * n[0] + nudge * t0)
+        out[i, 1] = p[1] + size * (lift * n[1] + nudge * t1)
+        out[i, 2] = p[2] + size * (lift * n[2] + nudge * t2)
+
+
+@njit(cache=True)
+def _touched_front(geometry, tree, p, n, touch):
+    """Unit mean of the normals of the faces that touch p and hold n; zero if there are none."""
+    x, y, z = 0.0, 0.0, 0.0
+    node, level = 0, 0
+    while True:
+        box = tree.boxes[node]
+        inside = (
+            abs(box[0] - p[0]) <= box[3] + touch
+            and abs(box[1] - p[1]) <= box[4] + touch
+            and abs(box[2] - p[2]) <= box[5] + touch
+        )
+        if inside and level < tree.depth:
+            node = 2 * node + 1
+            level += 1
+            continue
+        if inside:
+            first, last = node_range(len(tree.order), level, node + 1 - (1 << level))
+            for j in range(first, last):
+                code = geometry.face_planes[tree.order[j]]
+                plane = geometry.planes[max(code, ~code)]
+                if abs(plane[0] * n[0] + plane[1] * n[1] + plane[2] * n[2]) > TANGENT:
+                    continue
+                sign = 1.0 if code >= 0 else -1.0
+                if _touches(geometry.vertices, geometry.faces[tree.order[j]], plane, sign, p, touch):
+                    x += sign * plane[0]
+                    y += sign * plane[1]
+                    z += sign * plane[2]
+        while node > 0 and node % 2 == 0:
+            node = (node - 1) >> 1
+            level -= 1
+        if node == 0:
+            break
+        node += 1
+    length = np.sqrt(x * x + y * y + z * z)
+    if length < 0.125:
+        return 0.0, 0.0, 0.0  # none, or sheets back to back
+    return x / length, y / length, z / length
+
+
+@njit(cache=True)
+def _touches(vertices, face, plane, sign, p, touch):
+    """True where p lies on the face, up to `touch`."""
+    if abs(plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]) > touch:
+        return False
+    for i in range(3):
+        a, b = face[i], face[(i + 1) % 3]
+        ex = vertices[b, 0] - vertices[a, 0]
+        ey = vertices[b, 1] - vertices[a, 1]
+        ez = vertices[b, 2] - vertices[a, 2]
+        # Outwards in the plane, as long as the edge.
+        ox = sign * (ey * plane[2] - ez * plane[1])
+        oy = sign * (ez * plane[0] - ex * plane[2])
+        oz = sign * (ex * plane[1] - ey * plane[0])
+        beyond = ox * (p[0] - vertices[a, 0]) + oy * (p[1] - vertices[a, 1]) + oz * (p[2] - vertices[a, 2])
+        if beyond > touch * (abs(ex) + abs(ey) + abs(ez)):
+            return False
+    return True
