@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+SHORT = 24  # runs that insertion sorts faster
+
 
 @njit(cache=True, error_model="numpy")
 def grow(array, capacity):
@@ -15,14 +17,28 @@ def grow(array, capacity):
 
 
 @njit(cache=True, error_model="numpy")
+def _insertion_sort(key, value, lo, hi):
+    for i in range(lo + 1, hi):
+        k, v = key[i], value[i]
+        j = i - 1
+        while j >= lo and key[j] > k:
+            key[j + 1], value[j + 1] = key[j], value[j]
+            j -= 1
+        key[j + 1], value[j + 1] = k, v
+
+
+@njit(cache=True, error_model="numpy")
 def sort_pairs(key, value, lo, hi):
     """Sort [lo, hi) of two arrays by the first: quicksort down to short runs, then insertion."""
+    if hi - lo <= SHORT:
+        _insertion_sort(key, value, lo, hi)
+        return
     stack = np.empty(128, np.int64)
     stack[0], stack[1], top = lo, hi, 2
     while top > 0:
         top -= 2
         first, last = stack[top], stack[top + 1]
-        while last - first > 24:
+        while last - first > SHORT:
             a, b, c = key[first], key[(first + last) >> 1], key[last - 1]
             pivot = max(min(a, b), min(max(a, b), c))
             i, j = first, last - 1
@@ -44,10 +60,4 @@ def sort_pairs(key, value, lo, hi):
                 stack[top], stack[top + 1] = first, j + 1
                 first = i
             top += 2
-        for i in range(first + 1, last):
-            k, v = key[i], value[i]
-            j = i - 1
-            while j >= first and key[j] > k:
-                key[j + 1], value[j + 1] = key[j], value[j]
-                j -= 1
-            key[j + 1], value[j + 1] = k, v
+        _insertion_sort(key, value, first, last)

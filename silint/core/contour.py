@@ -12,11 +12,13 @@ import numpy as np
 from numba import njit
 
 from silint.core.edge_hierarchy import CENTRE, HALF, NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF
-from silint.core.partition import node_range
+from silint.core.partition import DONE, next_in_preorder, node_range
 from silint.core.topology import ULP
 
 # What a shade point's search counts.
 NODES, EDGES, CONTOURS, CROSSINGS, SNAPPED, FALLBACK, N_TALLY = 0, 1, 2, 3, 4, 5, 6
+
+UNCLEAR = 1 << 20  # not a jump
 
 
 @njit(cache=True, error_model="numpy")
@@ -35,21 +37,21 @@ def side_rounding(p):
 
 
 @njit(cache=True, error_model="numpy")
-def plane_side(plane, error, p, n):
-    """Side of the plane on which p lies: +1 in front, -1 behind; +3 or -3 where rounding could not tell.
+def plane_side(planes, k, error, p, n):
+    """Side of plane k on which p lies: +1 in front, -1 behind; +3 or -3 where rounding could not tell.
 
     Below the error the plane is taken to pass through p, and p to be pushed along its normal n; a plane
     that holds n too is decided by its own normal, so that all faces on it agree.
     """
-    s = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]
+    s = planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]
     if s > error:
         return 1
     if s < -error:
         return -1
-    s = plane[0] * n[0] + plane[1] * n[1] + plane[2] * n[2]
+    s = planes[k, 0] * n[0] + planes[k, 1] * n[1] + planes[k, 2] * n[2]
     for i in range(3):
         if s == 0.0:
-            s = plane[i]
+            s = planes[k, i]
     return 3 if s > 0.0 else -3
 
 
@@ -58,8 +60,21 @@ def face_side(geometry, f, p, n, rounding):
     """Side of a face on which p lies, as `plane_side`."""
     code = geometry.face_planes[f]
     k = max(code, ~code)
-    side = plane_side(geometry.planes[k], geometry.plane_errors[k] + rounding, p, n)
+    side = plane_side(geometry.planes, k, geometry.plane_errors[k] + rounding, p, n)
     return side if code >= 0 else -side
+
+
+@njit(cache=True, error_model="numpy")
+def _clear_jump(planes, codes, first, decided, p):
+    """Jump across an edge with two faces; UNCLEAR where a side is not beyond `decided`."""
+    i, j = codes[first], codes[first + 1]
+    k = max(i, ~i)
+    s = planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]
+    k = max(j, ~j)
+    t = planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]
+    if min(abs(s), abs(t)) <= decided:
+        return UNCLEAR
+    return (-1 if (s > 0.0) == (i >= 0) else 1) + (-1 if (t > 0.0) == (j >= 0) else 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -70,7 +85,7 @@ def edge_jump(planes, plane_errors, codes, first, last, p, n, rounding):
     for i in range(first, last):
         code = codes[i]
         k = max(code, ~code)
-        side = plane_side(planes[k], plane_errors[k] + rounding, p, n)
+        side = plane_side(planes, k, plane_errors[k] + rounding, p, n)
         if side > 1:
             side -= 2
             snapped += 1
@@ -82,15 +97,15 @@ def edge_jump(planes, plane_errors, codes, first, last, p, n, rounding):
 
 
 @njit(cache=True, error_model="numpy")
-def _node_misses(row, p, n, rounding):
+def _node_misses(bounds, node, p, n, rounding):
     """True where no edge of the node can be a contour that reaches above the horizon."""
-    x, y, z = p[0] - row[CENTRE], p[1] - row[CENTRE + 1], p[2] - row[CENTRE + 2]
-    top = abs(n[0]) * row[HALF] + abs(n[1]) * row[HALF + 1] + abs(n[2]) * row[HALF + 2]
+    x, y, z = p[0] - bounds[node, CENTRE], p[1] - bounds[node, CENTRE + 1], p[2] - bounds[node, CENTRE + 2]
+    top = abs(n[0]) * bounds[node, HALF] + abs(n[1]) * bounds[node, HALF + 1] + abs(n[2]) * bounds[node, HALF + 2]
     if n[0] * x + n[1] * y + n[2] * z > top + rounding:
         return True
-    middle = row[NORMAL] * x + row[NORMAL + 1] * y + row[NORMAL + 2] * z + row[OFFSET]
-    width = abs(x) * row[NORMAL_HALF] + abs(y) * row[NORMAL_HALF + 1] + abs(z) * row[NORMAL_HALF + 2]
-    return abs(middle) > width + row[OFFSET_HALF] + rounding
+    middle = bounds[node, NORMAL] * x + bounds[node, NORMAL + 1] * y + bounds[node, NORMAL + 2] * z + bounds[node, OFFSET]
+    width = abs(x) * bounds[node, NORMAL_HALF] + abs(y) * bounds[node, NORMAL_HALF + 1] + abs(z) * bounds[node, NORMAL_HALF + 2]
+    return abs(middle) > width + bounds[node, OFFSET_HALF] + rounding
 
 
 @njit(cache=True, error_model="numpy")
@@ -108,43 +123,74 @@ def gather_contours(geometry, tree, p, n, contours, count, tally):
     -------
     contours, count
     """
-    n_edges = len(tree.ends)
-    if n_edges == 0:
-        return contours, count
-    vertices, planes, plane_errors = geometry.vertices, geometry.planes, geometry.plane_errors
+    node = 0 if len(tree.ends) > 0 else DONE
+    while node != DONE:
+        # The search itself never grows the buffer: an array that changes inside a hot loop makes Numba count
+        # references there, which cost 8 times the loop.
+        node, count = _search(
+            geometry.vertices,
+            geometry.planes,
+            geometry.plane_errors,
+            tree.ends,
+            tree.offsets,
+            tree.planes,
+            tree.bounds,
+            tree.depth,
+            tree.largest_error,
+            node,
+            p,
+            n,
+            contours,
+            count,
+            tally,
+        )
+        if node != DONE:
+            grown = np.empty((2 * len(contours), 3), dtype=np.int32)
+            grown[:count] = contours[:count]
+            contours = grown
+    return contours, count
+
+
+@njit(cache=True, error_model="numpy")
+def _search(
+    vertices, planes, plane_errors, ends, offsets, codes, bounds, depth, largest_error, node, p, n, contours, count, tally
+):
+    """Search in preorder from a node on; returns DONE, or the leaf at which the buffer was full, and the count."""
+    n_edges = len(ends)
     rounding = side_rounding(p)
     node_rounding = 4.0 * rounding  # bounds and test are each rounded once more than a side
-    last_level = tree.depth
-    node, level = 0, 0
+    decided = largest_error + rounding
+    first_leaf = (1 << depth) - 1
+    nodes, edges, snapped_sides = 0, 0, 0
     while True:
-        tally[NODES] += 1
-        descend = not _node_misses(tree.bounds[node], p, n, node_rounding)
-        if descend and level < last_level:
-            node = 2 * node + 1
-            level += 1
-            continue
-        if descend:
-            first, last = node_range(n_edges, level, node + 1 - (1 << level))
-            tally[EDGES] += last - first
+        nodes += 1
+        if not _node_misses(bounds, node, p, n, node_rounding):
+            if node < first_leaf:
+                node = 2 * node + 1
+                continue
+            first, last = node_range(n_edges, depth, node - first_leaf)
+            if count + last - first > len(contours):
+                break
+            edges += last - first
             for e in range(first, last):
-                jump, snapped = edge_jump(
-                    planes, plane_errors, tree.planes, tree.offsets[e], tree.offsets[e + 1], p, n, rounding
-                )
+                jump, snapped = UNCLEAR, 0
+                if offsets[e + 1] - offsets[e] == 2:
+                    jump = _clear_jump(planes, codes, offsets[e], decided, p)
+                if jump == UNCLEAR:
+                    jump, snapped = edge_jump(
+                        planes, plane_errors, codes, offsets[e], offsets[e + 1], p, n, rounding
+                    )
                 if jump == 0:
                     continue
-                a, b = tree.ends[e, 0], tree.ends[e, 1]
+                a, b = ends[e, 0], ends[e, 1]
                 if height(vertices, a, p, n) > 0.0 or height(vertices, b, p, n) > 0.0:
-                    if count == len(contours):
-                        grown = np.empty((2 * count, 3), dtype=np.int32)
-                        grown[:count] = contours
-                        contours = grown
                     contours[count, 0], contours[count, 1], contours[count, 2] = a, b, jump
                     count += 1
-                    tally[SNAPPED] += snapped
-        # Next node in preorder: climb while this is a right child (even index), then step right.
-        while node > 0 and node % 2 == 0:
-            node = (node - 1) >> 1
-            level -= 1
-        if node == 0:
-            return contours, count
-        node += 1
+                    snapped_sides += snapped
+        node = next_in_preorder(node)
+        if node == DONE:
+            break
+    tally[NODES] += nodes
+    tally[EDGES] += edges
+    tally[SNAPPED] += snapped_sides
+    return node, count

@@ -15,7 +15,7 @@ from numba import njit
 from silint.core.buffers import grow, sort_pairs
 from silint.core.contour import face_side, side_rounding
 from silint.core.octahedral import isoline_u, local, turn
-from silint.core.partition import node_range
+from silint.core.partition import DONE, next_in_preorder, node_range
 
 
 @njit(cache=True, error_model="numpy")
@@ -63,16 +63,16 @@ def _hidden_part(geometry, f, p, n, corner, c0, c1, front):
 
 
 @njit(cache=True, error_model="numpy")
-def _node_misses(box, p, n, corner, segments, slack):
+def _node_misses(boxes, node, p, n, corner, segments, slack):
     """True where a box lies below the horizon, or away from the planes of all four segments."""
-    x, y, z = box[0] - p[0], box[1] - p[1], box[2] - p[2]
-    if n[0] * x + n[1] * y + n[2] * z + abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5] < -slack:
+    x, y, z = boxes[node, 0] - p[0], boxes[node, 1] - p[1], boxes[node, 2] - p[2]
+    if n[0] * x + n[1] * y + n[2] * z + abs(n[0]) * boxes[node, 3] + abs(n[1]) * boxes[node, 4] + abs(n[2]) * boxes[node, 5] < -slack:
         return True
     up, side = turn(y, z, corner)
-    half_up, half_side = (box[4], box[5]) if corner % 2 == 0 else (box[5], box[4])
+    half_up, half_side = (boxes[node, 4], boxes[node, 5]) if corner % 2 == 0 else (boxes[node, 5], boxes[node, 4])
     for i in range(4):
         a, b, c = segments[i, 0], segments[i, 1], segments[i, 2]
-        if abs(a * x + b * up + c * side) <= abs(a) * box[3] + abs(b) * half_up + abs(c) * half_side + slack:
+        if abs(a * x + b * up + c * side) <= abs(a) * boxes[node, 3] + abs(b) * half_up + abs(c) * half_side + slack:
             return False
     return True
 
@@ -106,16 +106,14 @@ def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out
     # Collect what each face hides.
     lows, highs = np.empty(64), np.empty(64)
     n_hidden = 0
-    n_faces = len(tree.order)
-    node, level = 0, 0
-    while True:
-        near = not _node_misses(tree.boxes[node], p, n, corner, segments, slack)
-        if near and level < tree.depth:
-            node = 2 * node + 1
-            level += 1
-            continue
-        if near:
-            first, last = node_range(n_faces, level, node + 1 - (1 << level))
+    first_leaf = (1 << tree.depth) - 1
+    node = 0
+    while node != DONE:
+        if not _node_misses(tree.boxes, node, p, n, corner, segments, slack):
+            if node < first_leaf:
+                node = 2 * node + 1
+                continue
+            first, last = node_range(len(tree.order), tree.depth, node - first_leaf)
             for j in range(first, last):
                 f = tree.order[j]
                 front = face_side(geometry, f, p, n, rounding) > 0
@@ -128,12 +126,7 @@ def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out
                         start = i if i < 2 else i - 4
                         lows[n_hidden], highs[n_hidden] = start + lo, start + hi
                         n_hidden += 1
-        while node > 0 and node % 2 == 0:
-            node = (node - 1) >> 1
-            level -= 1
-        if node == 0:
-            break
-        node += 1
+        node = next_in_preorder(node)
 
     # What lies between them is visible.
     sort_pairs(lows, highs, 0, n_hidden)

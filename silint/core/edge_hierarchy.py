@@ -33,6 +33,7 @@ class EdgeHierarchy(NamedTuple):
     planes: np.ndarray  # (M,) int32 codes: ~p where the edge has plane p's front on its other side
     bounds: np.ndarray  # (2^(depth + 1) - 1, 14) float64, columns above
     depth: int
+    largest_error: float  # of any plane
 
 
 def build_edge_hierarchies(topology: Topology) -> tuple[EdgeHierarchy, EdgeHierarchy, int]:
@@ -82,7 +83,7 @@ def _build(topology: Topology, codes: np.ndarray, chosen: np.ndarray, dual: bool
         _bound_level(
             topology.vertices, topology.planes, topology.plane_errors, ends, offsets, planes, dual, level, bounds
         )
-    return EdgeHierarchy(ends, offsets, planes, bounds, depth)
+    return EdgeHierarchy(ends, offsets, planes, bounds, depth, float(topology.plane_errors.max()))
 
 
 def _gather(offsets: np.ndarray, values: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

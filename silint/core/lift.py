@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from silint.core.partition import node_range
+from silint.core.partition import DONE, next_in_preorder, node_range
 
 # A face counts as holding n when the sine of the angle between them is below this.
 TANGENT = 2.0**-12
@@ -33,7 +33,8 @@ def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
     out : (n, 3) float64, out
     """
     for i in prange(len(points)):
-        p, n = points[i], normals[i]
+        p = points[i, 0], points[i, 1], points[i, 2]
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
         size = max(1.0, abs(p[0]), abs(p[1]), abs(p[2]))
         t0, t1, t2 = _touched_front(geometry, tree, p, n, touch * size)
         out[i, 0] = p[0] + size * (lift * n[0] + nudge * t0)
@@ -45,36 +46,31 @@ def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
 def _touched_front(geometry, tree, p, n, touch):
     """Unit mean of the normals of the faces that touch p and hold n; zero if there are none."""
     x, y, z = 0.0, 0.0, 0.0
-    node, level = 0, 0
-    while True:
-        box = tree.boxes[node]
-        inside = (
-            abs(box[0] - p[0]) <= box[3] + touch
-            and abs(box[1] - p[1]) <= box[4] + touch
-            and abs(box[2] - p[2]) <= box[5] + touch
-        )
-        if inside and level < tree.depth:
-            node = 2 * node + 1
-            level += 1
-            continue
-        if inside:
-            first, last = node_range(len(tree.order), level, node + 1 - (1 << level))
+    boxes, planes = tree.boxes, geometry.planes
+    first_leaf = (1 << tree.depth) - 1
+    node = 0
+    while node != DONE:
+        if (
+            abs(boxes[node, 0] - p[0]) <= boxes[node, 3] + touch
+            and abs(boxes[node, 1] - p[1]) <= boxes[node, 4] + touch
+            and abs(boxes[node, 2] - p[2]) <= boxes[node, 5] + touch
+        ):
+            if node < first_leaf:
+                node = 2 * node + 1
+                continue
+            first, last = node_range(len(tree.order), tree.depth, node - first_leaf)
             for j in range(first, last):
-                code = geometry.face_planes[tree.order[j]]
-                plane = geometry.planes[max(code, ~code)]
-                if abs(plane[0] * n[0] + plane[1] * n[1] + plane[2] * n[2]) > TANGENT:
+                f = tree.order[j]
+                code = geometry.face_planes[f]
+                k = max(code, ~code)
+                if abs(planes[k, 0] * n[0] + planes[k, 1] * n[1] + planes[k, 2] * n[2]) > TANGENT:
                     continue
                 sign = 1.0 if code >= 0 else -1.0
-                if _touches(geometry.vertices, geometry.faces[tree.order[j]], plane, sign, p, touch):
-                    x += sign * plane[0]
-                    y += sign * plane[1]
-                    z += sign * plane[2]
-        while node > 0 and node % 2 == 0:
-            node = (node - 1) >> 1
-            level -= 1
-        if node == 0:
-            break
-        node += 1
+                if _touches(geometry.vertices, geometry.faces, f, planes, k, sign, p, touch):
+                    x += sign * planes[k, 0]
+                    y += sign * planes[k, 1]
+                    z += sign * planes[k, 2]
+        node = next_in_preorder(node)
     length = np.sqrt(x * x + y * y + z * z)
     if length < 0.125:
         return 0.0, 0.0, 0.0  # none, or sheets back to back
@@ -82,19 +78,19 @@ def _touched_front(geometry, tree, p, n, touch):
 
 
 @njit(cache=True)
-def _touches(vertices, face, plane, sign, p, touch):
+def _touches(vertices, faces, f, planes, k, sign, p, touch):
     """True where p lies on the face, up to `touch`."""
-    if abs(plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]) > touch:
+    if abs(planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]) > touch:
         return False
     for i in range(3):
-        a, b = face[i], face[(i + 1) % 3]
+        a, b = faces[f, i], faces[f, (i + 1) % 3]
         ex = vertices[b, 0] - vertices[a, 0]
         ey = vertices[b, 1] - vertices[a, 1]
         ez = vertices[b, 2] - vertices[a, 2]
         # Outwards in the plane, as long as the edge.
-        ox = sign * (ey * plane[2] - ez * plane[1])
-        oy = sign * (ez * plane[0] - ex * plane[2])
-        oz = sign * (ex * plane[1] - ey * plane[0])
+        ox = sign * (ey * planes[k, 2] - ez * planes[k, 1])
+        oy = sign * (ez * planes[k, 0] - ex * planes[k, 2])
+        oz = sign * (ex * planes[k, 1] - ey * planes[k, 0])
         beyond = ox * (p[0] - vertices[a, 0]) + oy * (p[1] - vertices[a, 1]) + oz * (p[2] - vertices[a, 2])
         if beyond > touch * (abs(ex) + abs(ey) + abs(ez)):
             return False

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from silint.core.contour import face_side, side_rounding
-from silint.core.partition import node_range
+from silint.core.partition import DONE, next_in_preorder, node_range
 
 # A vertex at the shade point itself is seen along -n; its distance only has to be small.
 AT_POINT = 2.0**-500
@@ -30,6 +30,21 @@ LAST = 1.7e308
 
 # A plane closer to p than this many times its rounding shows a face whose outline is all rounding.
 THIN = 64.0
+
+# Sides of the start curve.
+LEFT, RIGHT = 0, 1
+
+# What the isolines of one shade point accumulate. Gains are changes of W towards larger u or t; those along
+# the start curve and the horizon stand at k for what lies between isolines k - 1 and k.
+CROSSED = 0  # crossings of isoline k
+GAIN = 1  # sum of their gains
+LEFT_GAIN = 2  # sum over those left of the start curve
+START = 3  # gains along the start curve
+HORIZON_LEFT = 4  # gains along the left branch of the horizon
+HORIZON_RIGHT = 5  # gains along the right branch
+DEPTH = 6  # W at the left end of isoline k
+FAILED = 7  # 1 where the counts of isoline k contradict each other
+N_ROWS = 8
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,30 +138,24 @@ def pole_count(geometry, tree, p, n, corner):
     """
     pole = 1 if n[0] >= 0.0 else -1
     slack = side_rounding(p)
-    n_faces = len(tree.order)
+    boxes = tree.boxes
+    first_leaf = (1 << tree.depth) - 1
     count = 0
-    node, level = 0, 0
-    while True:
-        box = tree.boxes[node]
-        inside = (
-            abs(box[1] - p[1]) <= box[4] + slack
-            and abs(box[2] - p[2]) <= box[5] + slack
-            and pole * (box[0] - p[0]) + box[3] >= -slack
-        )
-        if inside and level < tree.depth:
-            node = 2 * node + 1
-            level += 1
-            continue
-        if inside:
-            first, last = node_range(n_faces, level, node + 1 - (1 << level))
+    node = 0
+    while node != DONE:
+        if (
+            abs(boxes[node, 1] - p[1]) <= boxes[node, 4] + slack
+            and abs(boxes[node, 2] - p[2]) <= boxes[node, 5] + slack
+            and pole * (boxes[node, 0] - p[0]) + boxes[node, 3] >= -slack
+        ):
+            if node < first_leaf:
+                node = 2 * node + 1
+                continue
+            first, last = node_range(len(tree.order), tree.depth, node - first_leaf)
             for i in range(first, last):
                 count += _covers_pole(geometry, tree.order[i], p, n, corner, pole, slack)
-        while node > 0 and node % 2 == 0:
-            node = (node - 1) >> 1
-            level -= 1
-        if node == 0:
-            return count
-        node += 1
+        node = next_in_preorder(node)
+    return count
 
 
 @njit(cache=True, error_model="numpy")
@@ -168,21 +177,22 @@ def _covers_pole(geometry, f, p, n, corner, pole, rounding):
 
     code = geometry.face_planes[f]
     k = max(code, ~code)
-    plane = geometry.planes[k]
-    distance = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]
+    planes = geometry.planes
+    distance = planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]
     if abs(distance) > THIN * (geometry.plane_errors[k] + rounding):
         return 1 if walk < 0 else 0
-    return _thin_covers_pole(geometry, f, p, n, corner, pole, walk, plane, front, code >= 0)
+    return _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, code >= 0)
 
 
 @njit(cache=True, error_model="numpy")
-def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, plane, front, along):
+def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, along):
     """The same for a face whose plane passes through p but for rounding.
 
     It is seen edge-on, as a sliver whose turning sense means nothing, or, if p lies on the face itself, as a
     hemisphere, which may hold both poles or neither. Where its plane cuts the axis of the poles tells which.
     """
-    plane_up, plane_side_ = turn(plane[1], plane[2], corner)
+    planes = geometry.planes
+    plane_up, plane_side_ = turn(planes[k, 1], planes[k, 2], corner)
     across_side = abs(plane_up) >= abs(plane_side_)  # the in-plane coordinate beside x is S, else U
     positive = negative = False
     first, first_x, second_x = 0, 0.0, 0.0
@@ -208,7 +218,7 @@ def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, plane, front, along
                 second_x = x
             n_crossings += 1
     on_face = positive and negative
-    crosses_axis = abs(plane[0]) < 0.5
+    crosses_axis = abs(planes[k, 0]) < 0.5
     if walk != 0:
         if on_face or not crosses_axis:
             return 1 if walk < 0 else 0
@@ -223,33 +233,61 @@ def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, plane, front, along
 
 
 @njit(cache=True, error_model="numpy")
-def cross_edge(geometry, contour, p, n, corner, lines, crossings, count):
-    """Record where one contour edge crosses isolines, start curve and horizon.
+def cross_edges(vertices, contours, n_contours, p, n, corner, reach, ledger, line, position, gain, start, count):
+    """Record where contour edges cross isolines, start curve and horizon.
 
     Parameters
     ----------
-    contour : (3,) int32
-        Vertex, vertex, jump.
-    lines : Lines
-        Added to.
-    crossings : tuple of (capacity,) line int32, t float64, jump int32
-        Must hold 4 K more than `count`; jump is the gain of W as t grows.
+    contours : (capacity, 3) int32
+        Rows of `contour.gather_contours`.
+    reach : (2, K) float64
+        See `horizon_reach`: LEFT and RIGHT.
+    ledger : (N_ROWS, K + 1) int32
+        Added to; rows above.
+    line, position, gain : (capacity,) int32, float64, int32
+        Crossings: isoline, t, and the gain of W as t grows.
+    start, count : int
+        First contour to take, and crossings recorded before it.
 
     Returns
     -------
-    count
+    next, count : int
+        The contour to go on with when there is room again, n_contours at the end.
     """
-    n_lines = len(lines.left)
-    ax, au, as_, ah = local(geometry.vertices, contour[0], p, n, corner)
-    bx, bu, bs, bh = local(geometry.vertices, contour[1], p, n, corner)
-    jump = contour[2]
+    n_lines = reach.shape[1]
+    for c in range(start, n_contours):
+        if count + 4 * n_lines > len(line):
+            return c, count
+        count = _cross_edge(
+            vertices,
+            contours[c, 0],
+            contours[c, 1],
+            contours[c, 2],
+            p,
+            n,
+            corner,
+            reach,
+            ledger,
+            line,
+            position,
+            gain,
+            count,
+        )
+    return n_contours, count
+
+
+@njit(cache=True, error_model="numpy")
+def _cross_edge(vertices, a, b, jump, p, n, corner, reach, ledger, line, position, gain, count):
+    n_lines = reach.shape[1]
+    ax, au, as_, ah = local(vertices, a, p, n, corner)
+    bx, bu, bs, bh = local(vertices, b, p, n, corner)
     right, up = as_ >= 0.0, au >= 0.0
     same_octant = (ax >= 0.0) == (bx >= 0.0) and up == (bu >= 0.0) and right == (bs >= 0.0)
 
     u0, v0, w0, k0 = _project(ax, au, as_, n_lines)
     if same_octant and ah > 0.0 and bh > 0.0:
         u1, v1, w1, k1 = _project(bx, bu, bs, n_lines)
-        return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
+        return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
 
     # Cuts at the coordinate planes and at the horizon, in order along the edge; U before S where they tie.
     # A cut is known by the ratio of the ends' distances from its plane and lies at |b| A + |a| B: both keep
@@ -273,17 +311,17 @@ def cross_edge(geometry, contour, p, n, corner, lines, crossings, count):
             u1, v1, w1, k1 = _project(hx, hu, hs, n_lines)
             if visible:
                 # Sink below the horizon.
-                count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
+                count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
                 if right:
-                    lines.horizon_right[k1] += jump
+                    ledger[HORIZON_RIGHT, k1] += jump
                 else:
-                    lines.horizon_left[k1] -= jump
+                    ledger[HORIZON_LEFT, k1] -= jump
                 return count
             # Rise above it.
             if right:
-                lines.horizon_right[k1] -= jump
+                ledger[HORIZON_RIGHT, k1] -= jump
             else:
-                lines.horizon_left[k1] += jump
+                ledger[HORIZON_LEFT, k1] += jump
             u0, v0, w0, k0 = u1, v1, w1, k1
             visible, cut_horizon = True, np.inf
             continue
@@ -300,16 +338,16 @@ def cross_edge(geometry, contour, p, n, corner, lines, crossings, count):
             y = 0.0 if axis == 1 else weight_a * au + weight_b * bu
             z = 0.0 if axis == 2 else weight_a * as_ + weight_b * bs
             u1, v1, w1, k1 = _project(x, y, z, n_lines)
-            count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
+            count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
             if axis == 2 and up:
-                lines.start[k1] += -jump if right else jump
+                ledger[START, k1] += -jump if right else jump
             u0, v0, w0, k0 = u1, v1, w1, k1
         if axis == 1:
             up = not up
         elif axis == 2:
             right = not right
     u1, v1, w1, k1 = _project(bx, bu, bs, n_lines)
-    return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, lines, crossings, count)
+    return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
 
 
 @njit(cache=True, error_model="numpy")
@@ -323,16 +361,15 @@ def _project(x, up, side, n_lines):
 
 
 @njit(cache=True, error_model="numpy")
-def _cross_lines(u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, lines, crossings, count):
+def _cross_lines(u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, reach, ledger, line, position, gain, count):
     """Crossings of a piece of an edge within one octant: straight, so t is a ratio of linear functions of u."""
     if k0 == k1:
         return count
-    line, position, gain = crossings
-    n_lines = len(lines.left)
+    n_lines = reach.shape[1]
     step = -jump if k1 > k0 else jump
     for k in range(min(k0, k1), max(k0, k1)):
-        reach = lines.right[k] if right else lines.left[k]
-        if reach < 0.0:
+        end = reach[RIGHT, k] if right else reach[LEFT, k]
+        if end < 0.0:
             continue
         u = isoline_u(k, n_lines)
         f = min(max((u - u0) / (u1 - u0), 0.0), 1.0)
@@ -340,15 +377,15 @@ def _cross_lines(u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, lines,
         t = min(part / (1.0 - abs(u)), 1.0)
         if not up:
             t += 1.0
-        t = min(t, reach)
+        t = min(t, end)
         line[count] = k
         gain[count] = step
         if right:
             position[count] = t
         else:
             position[count] = -t
-            lines.left_gain[k] += step
-        lines.crossings[k] += 1
-        lines.gain[k] += step
+            ledger[LEFT_GAIN, k] += step
+        ledger[CROSSED, k] += 1
+        ledger[GAIN, k] += step
         count += 1
     return count

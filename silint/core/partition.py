@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit, prange
 
 LEAF_SIZE = 6  # items a leaf holds at most
+DONE = -1  # what follows the last node
 
 
 def tree_depth(n_items: int) -> int:
@@ -25,6 +26,14 @@ def tree_depth(n_items: int) -> int:
 def node_range(n_items, level, j):
     """First and one past the last item of the j-th node of a level."""
     return (n_items * j) >> level, (n_items * (j + 1)) >> level
+
+
+@njit(cache=True)
+def next_in_preorder(node):
+    """The node to visit when all below this one is done with: climb from right children, step to the right."""
+    while node > 0 and node % 2 == 0:
+        node = (node - 1) >> 1
+    return node + 1 if node > 0 else DONE
 
 
 @njit(cache=True)

@@ -28,7 +28,7 @@ def horizon_runs(normals, n_lines):
     offsets = np.zeros(n * n_lines + 1, np.int64)
     for i in prange(n):
         for k in range(n_lines):
-            runs[i, k, 0], runs[i, k, 1] = _run(normals[i], k, n_lines)
+            runs[i, k, 0], runs[i, k, 1] = _run((normals[i, 0], normals[i, 1], normals[i, 2]), k, n_lines)
     for i in range(n):
         for k in range(n_lines):
             offsets[i * n_lines + k + 1] = offsets[i * n_lines + k] + (runs[i, k, 0] >= 0.0)
@@ -62,7 +62,7 @@ def clip_intervals(offsets, intervals, up, n_lines):
     out = np.empty((2 * len(intervals), 2))
     n_out = 0
     for k_of_point in range(n * n_lines):
-        run0, run1 = _run(up, k_of_point % n_lines, n_lines)
+        run0, run1 = _run((up[0], up[1], up[2]), k_of_point % n_lines, n_lines)
         if run0 >= 0.0:
             for j in range(offsets[k_of_point], offsets[k_of_point + 1]):
                 n_out = _clip(intervals[j, 0], intervals[j, 1], run0, run1, out, n_out)

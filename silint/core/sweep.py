@@ -9,16 +9,29 @@ covering, which shares no step with the sweep but the shade point.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit, prange
 
 from silint.core.buffers import grow, sort_pairs
-from silint.core.contour import CONTOURS, CROSSINGS, FALLBACK, N_TALLY, gather_contours
+from silint.core.contour import CONTOURS, CROSSINGS, FALLBACK, gather_contours
 from silint.core.cover import cover_line
-from silint.core.octahedral import cross_edge, horizon_reach, pole_count, start_corner
-from silint.core.topology import Topology
+from silint.core.octahedral import (
+    CROSSED,
+    DEPTH,
+    FAILED,
+    GAIN,
+    HORIZON_LEFT,
+    HORIZON_RIGHT,
+    LEFT,
+    LEFT_GAIN,
+    N_ROWS,
+    RIGHT,
+    START,
+    cross_edges,
+    horizon_reach,
+    pole_count,
+    start_corner,
+)
 
 BLOCK = 16  # shade points that share scratch memory
 
@@ -26,101 +39,56 @@ BLOCK = 16  # shade points that share scratch memory
 NEGATIVE_LENGTH = 1e-9
 
 
-class Lines(NamedTuple):
-    """What the isolines of one shade point accumulate; a gain is a change of W towards larger u or t."""
-
-    left: np.ndarray  # (K,) float64 reach above the horizon to the left of the start curve, -1 for none
-    right: np.ndarray  # (K,) float64 and to the right
-    crossings: np.ndarray  # (K,) int32 how many
-    gain: np.ndarray  # (K,) int32 sum of gains over the whole isoline
-    left_gain: np.ndarray  # (K,) int32 and over the part left of the start curve
-    start: np.ndarray  # (K + 1,) int32 gains along the start curve between isolines k - 1 and k
-    horizon_left: np.ndarray  # (K + 1,) int32 along the left branch of the horizon, likewise
-    horizon_right: np.ndarray  # (K + 1,) int32 along the right branch
-    depth: np.ndarray  # (K,) int32 W at the left end of the isoline
-    failed: np.ndarray  # (K,) bool: the isoline's counts contradict each other
-
-
 @njit(cache=True, error_model="numpy")
-def _new_lines(n_lines):
-    return Lines(
-        np.empty(n_lines),
-        np.empty(n_lines),
-        np.empty(n_lines, np.int32),
-        np.empty(n_lines, np.int32),
-        np.empty(n_lines, np.int32),
-        np.empty(n_lines + 1, np.int32),
-        np.empty(n_lines + 1, np.int32),
-        np.empty(n_lines + 1, np.int32),
-        np.empty(n_lines, np.int32),
-        np.empty(n_lines, np.bool_),
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _reset(lines, n, corner):
-    n_lines = len(lines.left)
-    for k in range(n_lines):
-        lines.left[k], lines.right[k] = horizon_reach(n, corner, k, n_lines)
-    lines.crossings[:] = 0
-    lines.gain[:] = 0
-    lines.left_gain[:] = 0
-    lines.start[:] = 0
-    lines.horizon_left[:] = 0
-    lines.horizon_right[:] = 0
-    lines.failed[:] = False
-
-
-@njit(cache=True, error_model="numpy")
-def _left_depths(lines, pole, at_pole):
+def _left_depths(ledger, pole, at_pole):
     """W at the left end of every isoline: from the pole along the start curve, then down to the horizon."""
-    n_lines = len(lines.left)
+    n_lines = ledger.shape[1] - 1
     w = at_pole
     for i in range(n_lines):
         if pole < 0:
             k = i
-            w += lines.start[k]
+            w += ledger[START, k]
         else:
             k = n_lines - 1 - i
-            w -= lines.start[k + 1]
-        lines.depth[k] = w - lines.left_gain[k]
+            w -= ledger[START, k + 1]
+        ledger[DEPTH, k] = w - ledger[LEFT_GAIN, k]
 
 
 @njit(cache=True, error_model="numpy")
-def _check_horizon(lines):
+def _check_horizon(reach, ledger):
     """Mark isolines whose depth counts at the horizon disagree with W walked along the horizon.
 
     The horizon has a left and a right branch over u. They meet where isolines end to be above the horizon
     altogether (beyond, both ends of an isoline are one point) and where isolines end to rise above it at all.
     """
-    n_lines = len(lines.left)
+    n_lines = reach.shape[1]
     for k in range(n_lines):
-        if lines.left[k] < 0.0:
+        if reach[LEFT, k] < 0.0:
             continue
-        left, right = lines.depth[k], lines.depth[k] + lines.gain[k]
-        if lines.left[k] == 2.0 and lines.right[k] == 2.0:
+        left, right = ledger[DEPTH, k], ledger[DEPTH, k] + ledger[GAIN, k]
+        if not _is_partial(reach, k):
             if left != right:
-                lines.failed[k] = True
+                ledger[FAILED, k] = 1
             continue
-        if not _is_partial(lines, k - 1):
-            if left - lines.horizon_left[k] != right - lines.horizon_right[k]:
-                lines.failed[k] = True
-        left += lines.horizon_left[k + 1]
-        right += lines.horizon_right[k + 1]
-        if _is_partial(lines, k + 1):
-            next_left = lines.depth[k + 1]
-            if left != next_left or right != next_left + lines.gain[k + 1]:
-                lines.failed[k] = lines.failed[k + 1] = True
+        if not _is_partial(reach, k - 1):
+            if left - ledger[HORIZON_LEFT, k] != right - ledger[HORIZON_RIGHT, k]:
+                ledger[FAILED, k] = 1
+        left += ledger[HORIZON_LEFT, k + 1]
+        right += ledger[HORIZON_RIGHT, k + 1]
+        if _is_partial(reach, k + 1):
+            next_left = ledger[DEPTH, k + 1]
+            if left != next_left or right != next_left + ledger[GAIN, k + 1]:
+                ledger[FAILED, k] = ledger[FAILED, k + 1] = 1
         elif left != right:
-            lines.failed[k] = True
+            ledger[FAILED, k] = 1
 
 
 @njit(cache=True, error_model="numpy")
-def _is_partial(lines, k):
+def _is_partial(reach, k):
     """True where isoline k exists and crosses the horizon."""
-    if k < 0 or k >= len(lines.left) or lines.left[k] < 0.0:
+    if k < 0 or k >= reach.shape[1] or reach[LEFT, k] < 0.0:
         return False
-    return lines.left[k] < 2.0 or lines.right[k] < 2.0
+    return reach[LEFT, k] < 2.0 or reach[RIGHT, k] < 2.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -155,7 +123,8 @@ def _sweep_block(
 ):
     """Visible intervals of the points [first, last), in one list; rows are loop coordinates."""
     n_lines = counts.shape[1]
-    lines = _new_lines(n_lines)
+    reach = np.empty((2, n_lines))
+    ledger = np.empty((N_ROWS, n_lines + 1), np.int32)
     offsets = np.empty(n_lines + 1, np.int64)
     contours = np.empty((1024, 3), np.int32)
     capacity = 8 * n_lines
@@ -165,49 +134,58 @@ def _sweep_block(
     n_found = 0
 
     for i in range(first, last):
-        p, n, my_tally = points[i], normals[i], tally[i]
+        p = points[i, 0], points[i, 1], points[i, 2]
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
         corner = start_corner(n)
-        _reset(lines, n, corner)
+        for k in range(n_lines):
+            reach[LEFT, k], reach[RIGHT, k] = horizon_reach(n, corner, k, n_lines)
+        ledger[:] = 0
         n_crossings = 0
         if not cover_all:
             # Find the contour edges and cross them with the isolines.
-            contours, n_contours = gather_contours(geometry, contour_tree, p, n, contours, 0, my_tally)
-            contours, n_contours = gather_contours(geometry, boundary_tree, p, n, contours, n_contours, my_tally)
-            for c in range(n_contours):
-                if n_crossings + 4 * n_lines > len(line):
+            contours, n_contours = gather_contours(geometry, contour_tree, p, n, contours, 0, tally[i])
+            contours, n_contours = gather_contours(geometry, boundary_tree, p, n, contours, n_contours, tally[i])
+            c = 0
+            while c < n_contours:
+                c, n_crossings = cross_edges(
+                    geometry.vertices,
+                    contours,
+                    n_contours,
+                    p,
+                    n,
+                    corner,
+                    reach,
+                    ledger,
+                    line,
+                    position,
+                    gain,
+                    c,
+                    n_crossings,
+                )
+                if c < n_contours:
                     capacity = 2 * len(line)
                     line, position, gain = grow(line, capacity), grow(position, capacity), grow(gain, capacity)
-                n_crossings = cross_edge(
-                    geometry, contours[c], p, n, corner, lines, (line, position, gain), n_crossings
-                )
-            my_tally[CONTOURS] += n_contours
-            my_tally[CROSSINGS] += n_crossings
+            tally[i, CONTOURS] += n_contours
+            tally[i, CROSSINGS] += n_crossings
 
             # Depth counts at the ends of every isoline, and whether they agree.
             pole = 1 if n[0] >= 0.0 else -1
-            _left_depths(lines, pole, pole_count(geometry, face_tree, p, n, corner))
-            _check_horizon(lines)
+            _left_depths(ledger, pole, pole_count(geometry, face_tree, p, n, corner))
+            _check_horizon(reach, ledger)
 
             # Bring the crossings of each isoline together.
             if len(sorted_position) < len(position):
                 sorted_position, sorted_gain = np.empty(len(position)), np.empty(len(position), np.int32)
-            offsets[0] = 0
-            for k in range(n_lines):
-                offsets[k + 1] = offsets[k] + lines.crossings[k]
-            for c in range(n_crossings):
-                k = line[c]
-                lines.crossings[k] -= 1
-                slot = offsets[k] + lines.crossings[k]
-                sorted_position[slot], sorted_gain[slot] = position[c], gain[c]
+            _bucket(ledger[CROSSED], line, position, gain, n_crossings, offsets, sorted_position, sorted_gain)
 
         for k in range(n_lines):
             before = n_found
-            if lines.left[k] >= 0.0:
+            if reach[LEFT, k] >= 0.0:
                 if n_found + n_crossings + 1 > len(found):
                     grown = np.empty((2 * len(found) + n_crossings, 2))
                     grown[:n_found] = found[:n_found]
                     found = grown
-                sound = not (cover_all or lines.failed[k])
+                sound = not (cover_all or ledger[FAILED, k] != 0)
                 if sound:
                     sort_pairs(sorted_position, sorted_gain, offsets[k], offsets[k + 1])
                     n_found, sound = _sweep_line(
@@ -215,16 +193,26 @@ def _sweep_block(
                         sorted_gain,
                         offsets[k],
                         offsets[k + 1],
-                        lines.left[k],
-                        lines.right[k],
-                        lines.depth[k],
+                        reach[LEFT, k],
+                        reach[RIGHT, k],
+                        ledger[DEPTH, k],
                         found,
                         n_found,
                     )
                 if not sound:
-                    my_tally[FALLBACK] += not cover_all
+                    tally[i, FALLBACK] += not cover_all
                     found, n_found = cover_line(
-                        geometry, face_tree, p, n, corner, k, n_lines, lines.left[k], lines.right[k], found, before
+                        geometry,
+                        face_tree,
+                        p,
+                        n,
+                        corner,
+                        k,
+                        n_lines,
+                        reach[LEFT, k],
+                        reach[RIGHT, k],
+                        found,
+                        before,
                     )
             counts[i, k] = n_found - before
             for j in range(before, n_found):
@@ -234,6 +222,20 @@ def _sweep_block(
                 start = start + 4.0 if start < 0.0 else (start - 4.0 if start >= 4.0 else start)
                 found[j, 0], found[j, 1] = start, start + (t1 - t0)
     return found, n_found
+
+
+@njit(cache=True, error_model="numpy")
+def _bucket(crossed, line, position, gain, n_crossings, offsets, sorted_position, sorted_gain):
+    """Counting sort of the crossings by isoline."""
+    n_lines = len(offsets) - 1
+    offsets[0] = 0
+    for k in range(n_lines):
+        offsets[k + 1] = offsets[k] + crossed[k]
+    for c in range(n_crossings):
+        k = line[c]
+        crossed[k] -= 1
+        slot = offsets[k] + crossed[k]
+        sorted_position[slot], sorted_gain[slot] = position[c], gain[c]
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
