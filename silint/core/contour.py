@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from silint.core.edge_hierarchy import CENTRE, HALF, NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF
+from silint.core.edge_hierarchy import CENTRE, HALF, N_POSITION, NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF
+from silint.core.isolines import lies_between_lines
 from silint.core.partition import DONE, next_in_preorder, node_range
 from silint.core.topology import ULP
 
@@ -103,17 +104,23 @@ def _node_misses(bounds, node, p, n, rounding):
     top = abs(n[0]) * bounds[node, HALF] + abs(n[1]) * bounds[node, HALF + 1] + abs(n[2]) * bounds[node, HALF + 2]
     if n[0] * x + n[1] * y + n[2] * z > top + rounding:
         return True
-    middle = bounds[node, NORMAL] * x + bounds[node, NORMAL + 1] * y + bounds[node, NORMAL + 2] * z + bounds[node, OFFSET]
-    width = abs(x) * bounds[node, NORMAL_HALF] + abs(y) * bounds[node, NORMAL_HALF + 1] + abs(z) * bounds[node, NORMAL_HALF + 2]
-    return abs(middle) > width + bounds[node, OFFSET_HALF] + rounding
+    if bounds.shape[1] == N_POSITION:
+        return False
+    middle = bounds[node, NORMAL] * x + bounds[node, NORMAL + 1] * y + bounds[node, NORMAL + 2] * z
+    width = abs(x) * bounds[node, NORMAL_HALF] + abs(y) * bounds[node, NORMAL_HALF + 1]
+    width += abs(z) * bounds[node, NORMAL_HALF + 2] + bounds[node, OFFSET_HALF]
+    return abs(middle + bounds[node, OFFSET]) > width + rounding
 
 
 @njit(cache=True, error_model="numpy")
-def gather_contours(geometry, tree, p, n, contours, count, tally):
+def gather_contours(geometry, tree, p, n, corner, n_lines, contours, count, tally):
     """Append the contour edges of one hierarchy that reach above the horizon of (p, n).
 
     Parameters
     ----------
+    corner, n_lines : int
+        Where the isolines are (core.octahedral): nodes that lie between two of them, and neither on the start
+        curve nor on the horizon, are skipped. With n_lines = 0 nothing is.
     contours : (capacity, 3) int32
         Rows: vertex, vertex, jump. Grown, never capped.
     tally : (N_TALLY,) int64
@@ -140,6 +147,8 @@ def gather_contours(geometry, tree, p, n, contours, count, tally):
             node,
             p,
             n,
+            corner,
+            n_lines,
             contours,
             count,
             tally,
@@ -153,7 +162,23 @@ def gather_contours(geometry, tree, p, n, contours, count, tally):
 
 @njit(cache=True, error_model="numpy")
 def _search(
-    vertices, planes, plane_errors, ends, offsets, codes, bounds, depth, largest_error, node, p, n, contours, count, tally
+    vertices,
+    planes,
+    plane_errors,
+    ends,
+    offsets,
+    codes,
+    bounds,
+    depth,
+    largest_error,
+    node,
+    p,
+    n,
+    corner,
+    n_lines,
+    contours,
+    count,
+    tally,
 ):
     """Search in preorder from a node on; returns DONE, or the leaf at which the buffer was full, and the count."""
     n_edges = len(ends)
@@ -164,7 +189,9 @@ def _search(
     nodes, edges, snapped_sides = 0, 0, 0
     while True:
         nodes += 1
-        if not _node_misses(bounds, node, p, n, node_rounding):
+        if not _node_misses(bounds, node, p, n, node_rounding) and (
+            n_lines == 0 or not lies_between_lines(bounds, node, p, n, corner, n_lines, node_rounding)
+        ):
             if node < first_leaf:
                 node = 2 * node + 1
                 continue

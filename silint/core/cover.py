@@ -14,7 +14,8 @@ from numba import njit
 
 from silint.core.buffers import grow, sort_pairs
 from silint.core.contour import face_side, side_rounding
-from silint.core.octahedral import isoline_u, local, turn
+from silint.core.isolines import isoline_u, turn
+from silint.core.octahedral import local
 from silint.core.partition import DONE, next_in_preorder, node_range
 
 

@@ -4,7 +4,7 @@ The plane of a face is a point (N, d) in 4D dual space, an edge the segment betw
 a shade point p the hyperplane N.p + d = 0: an edge is a contour seen from p when the hyperplane cuts its
 segment. A node bounds its segments relative to its own centre c, N.p + d = N.(p - c) + (N.c + d), which is
 far tighter than bounding d about the origin. Edges with one face, or with many, are contours from nearly
-everywhere: their bound in dual space is infinite, and position alone rejects them.
+everywhere: they have no bounds in dual space, and position alone rejects them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from silint.core.topology import Topology
 NORMAL_WEIGHT = 0.06
 
 # Columns of a node's bounds. A halved width is relative to the centre beside it.
-CENTRE, HALF, NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF, N_BOUNDS = 0, 3, 6, 9, 12, 13, 14
+CENTRE, HALF, N_POSITION = 0, 3, 6
+NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF, N_DUAL = 6, 9, 12, 13, 14
 
 
 class EdgeHierarchy(NamedTuple):
@@ -31,7 +32,7 @@ class EdgeHierarchy(NamedTuple):
     ends: np.ndarray  # (E, 2) int32 vertices, lower first
     offsets: np.ndarray  # (E + 1,) int32 into planes
     planes: np.ndarray  # (M,) int32 codes: ~p where the edge has plane p's front on its other side
-    bounds: np.ndarray  # (2^(depth + 1) - 1, 14) float64, columns above
+    bounds: np.ndarray  # (2^(depth + 1) - 1, 14) float64, columns above; 6 where the dual test does not apply
     depth: int
     largest_error: float  # of any plane
 
@@ -78,7 +79,7 @@ def _build(topology: Topology, codes: np.ndarray, chosen: np.ndarray, dual: bool
     order, depth = balanced_order(_keys(topology.vertices, topology.planes, ends, offsets, planes, dual))
     ends = np.ascontiguousarray(ends[order])
     offsets, planes = _gather(offsets, planes, order)
-    bounds = np.empty((2 ** (depth + 1) - 1, N_BOUNDS))
+    bounds = np.empty((2 ** (depth + 1) - 1, N_DUAL if dual else N_POSITION))
     for level in range(depth + 1):
         _bound_level(
             topology.vertices, topology.planes, topology.plane_errors, ends, offsets, planes, dual, level, bounds
@@ -142,11 +143,7 @@ def _bound_level(vertices, planes, plane_errors, ends, offsets, codes, dual, lev
         for i in range(3):
             row[CENTRE + i] = 0.5 * (low[i] + high[i]) if last > first else 0.0
             row[HALF + i] = 0.5 * (high[i] - low[i]) if last > first else 0.0
-            row[NORMAL + i] = 0.0
-            row[NORMAL_HALF + i] = 0.0
-        row[OFFSET] = 0.0
-        row[OFFSET_HALF] = np.inf
-        if not dual or last == first:
+        if not dual:
             continue
         low, high = np.full(4, np.inf), np.full(4, -np.inf)
         f = np.empty(4)

@@ -1,10 +1,4 @@
-"""Octahedral u-isolines [NBMJ14 3.3; PH03]: where contour edges cross them.
-
-Each isoline is a diamond. Seen from a shade point with normal n, the diamonds' corners on the axis U among
-+-y, +-z nearest to n lie highest; the half circle through them, from -x over U to +x, is the *start curve*.
-A position on a diamond is t in [-2, 2]: 0 on the start curve, growing counter-clockwise about +x through the
-side corner (t = 1) to the lowest (t = 2), and downwards (t < 0) the other way round. The part of a diamond
-above the horizon is one run (-left, right) about t = 0, or nothing.
+"""Where contour edges cross octahedral isolines, the start curve and the horizon [NBMJ14 3.3].
 
 Every vertex has one line index: the number of isolines below its u. An edge is cut where it changes octant
 and at the horizon; each cut has one index too, owned by the edge. An edge crosses the isolines between the
@@ -14,12 +8,11 @@ where exactly: so crossings of a closed contour cancel along any closed path, an
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
 from silint.core.contour import face_side, side_rounding
+from silint.core.isolines import isoline_u, line_index, turn
 from silint.core.partition import DONE, next_in_preorder, node_range
 
 # A vertex at the shade point itself is seen along -n; its distance only has to be small.
@@ -48,38 +41,6 @@ N_ROWS = 8
 
 
 @njit(cache=True, error_model="numpy")
-def isoline_u(k, n_lines):
-    """Position of isoline k."""
-    return (2 * k + 1 - n_lines) / n_lines
-
-
-@njit(cache=True, error_model="numpy")
-def line_index(u, n_lines):
-    """Number of isolines below u."""
-    return min(max(int(math.ceil(0.5 * (u + 1.0) * n_lines - 0.5)), 0), n_lines)
-
-
-@njit(cache=True, error_model="numpy")
-def start_corner(n):
-    """Loop coordinate (0, 1, 2 or 3) of the axis U: the corner of every diamond that lies highest over n."""
-    if abs(n[1]) >= abs(n[2]):
-        return 0 if n[1] >= 0.0 else 2
-    return 1 if n[2] >= 0.0 else 3
-
-
-@njit(cache=True, error_model="numpy")
-def turn(y, z, corner):
-    """Coordinates along U and along the side axis S, the next corner counter-clockwise."""
-    if corner == 0:
-        return y, z
-    if corner == 1:
-        return z, -y
-    if corner == 2:
-        return -y, -z
-    return -z, y
-
-
-@njit(cache=True, error_model="numpy")
 def local(vertices, v, p, n, corner):
     """Direction from p to a vertex, along x, U and S, and its height above the horizon."""
     x, y, z = vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
@@ -87,30 +48,6 @@ def local(vertices, v, p, n, corner):
         x, y, z = -AT_POINT * n[0], -AT_POINT * n[1], -AT_POINT * n[2]
     up, side = turn(y, z, corner)
     return x, up, side, n[0] * x + n[1] * y + n[2] * z
-
-
-@njit(cache=True, error_model="numpy")
-def horizon_reach(n, corner, k, n_lines):
-    """How far isoline k runs above the horizon, to the left and to the right of t = 0; (-1, -1) if it does not."""
-    up, side = turn(n[1], n[2], corner)
-    u = isoline_u(k, n_lines)
-    r = 1.0 - abs(u)
-    top, bottom = u * n[0] + r * up, u * n[0] - r * up
-    if top <= 0.0:
-        return -1.0, -1.0
-    right = u * n[0] + r * side
-    left = u * n[0] - r * side
-    return _reach(top, left, bottom), _reach(top, right, bottom)
-
-
-@njit(cache=True, error_model="numpy")
-def _reach(top, side, bottom):
-    """Where a run that starts at height `top` and falls over `side` to `bottom` meets the horizon."""
-    if side <= 0.0:
-        return top / (top - side)
-    if bottom < 0.0:
-        return 1.0 + side / (side - bottom)
-    return 2.0
 
 
 @njit(cache=True, error_model="numpy")

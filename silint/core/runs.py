@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from silint.core.octahedral import horizon_reach, start_corner
+from silint.core.isolines import horizon_reach, start_corner
 
 
 @njit(cache=True)

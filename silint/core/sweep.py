@@ -15,6 +15,7 @@ from numba import njit, prange
 from silint.core.buffers import grow, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, FALLBACK, gather_contours
 from silint.core.cover import cover_line
+from silint.core.isolines import horizon_reach, start_corner
 from silint.core.octahedral import (
     CROSSED,
     DEPTH,
@@ -28,9 +29,7 @@ from silint.core.octahedral import (
     RIGHT,
     START,
     cross_edges,
-    horizon_reach,
     pole_count,
-    start_corner,
 )
 
 BLOCK = 16  # shade points that share scratch memory
@@ -143,8 +142,8 @@ def _sweep_block(
         n_crossings = 0
         if not cover_all:
             # Find the contour edges and cross them with the isolines.
-            contours, n_contours = gather_contours(geometry, contour_tree, p, n, contours, 0, tally[i])
-            contours, n_contours = gather_contours(geometry, boundary_tree, p, n, contours, n_contours, tally[i])
+            contours, n_contours = gather_contours(geometry, contour_tree, p, n, corner, n_lines, contours, 0, tally[i])
+            contours, n_contours = gather_contours(geometry, boundary_tree, p, n, corner, n_lines, contours, n_contours, tally[i])
             c = 0
             while c < n_contours:
                 c, n_crossings = cross_edges(

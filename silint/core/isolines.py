@@ -1,0 +1,99 @@
+"""Where the octahedral isolines run, seen from a shade point with a normal [NBMJ14 3.3; PH03].
+
+Each isoline is a diamond. Its corners on the axis U among +-y, +-z nearest to the normal n lie highest; the
+half circle through them, from -x over U to +x, is the *start curve*. A position on a diamond is t in [-2, 2]:
+0 on the start curve, growing counter-clockwise about +x through the side corner (t = 1) to the lowest (t = 2),
+and downwards (t < 0) the other way round. The part of a diamond above the horizon is one run (-left, right)
+about t = 0, or nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+# Slack for rounding where bounds of u decide.
+_U_SLACK = 1e-12
+
+
+@njit(cache=True, error_model="numpy")
+def isoline_u(k, n_lines):
+    """Position of isoline k."""
+    return (2 * k + 1 - n_lines) / n_lines
+
+
+@njit(cache=True, error_model="numpy")
+def line_index(u, n_lines):
+    """Number of isolines below u."""
+    return min(max(int(math.ceil(0.5 * (u + 1.0) * n_lines - 0.5)), 0), n_lines)
+
+
+@njit(cache=True, error_model="numpy")
+def start_corner(n):
+    """Loop coordinate (0, 1, 2 or 3) of the axis U: the corner of every diamond that lies highest over n."""
+    if abs(n[1]) >= abs(n[2]):
+        return 0 if n[1] >= 0.0 else 2
+    return 1 if n[2] >= 0.0 else 3
+
+
+@njit(cache=True, error_model="numpy")
+def turn(y, z, corner):
+    """Coordinates along U and along the side axis S, the next corner counter-clockwise."""
+    if corner == 0:
+        return y, z
+    if corner == 1:
+        return z, -y
+    if corner == 2:
+        return -y, -z
+    return -z, y
+
+
+@njit(cache=True, error_model="numpy")
+def horizon_reach(n, corner, k, n_lines):
+    """How far isoline k runs above the horizon, to the left and to the right of t = 0; (-1, -1) if it does not."""
+    up, side = turn(n[1], n[2], corner)
+    u = isoline_u(k, n_lines)
+    r = 1.0 - abs(u)
+    top, bottom = u * n[0] + r * up, u * n[0] - r * up
+    if top <= 0.0:
+        return -1.0, -1.0
+    right = u * n[0] + r * side
+    left = u * n[0] - r * side
+    return _reach(top, left, bottom), _reach(top, right, bottom)
+
+
+@njit(cache=True, error_model="numpy")
+def _reach(top, side, bottom):
+    """Where a run that starts at height `top` and falls over `side` to `bottom` meets the horizon."""
+    if side <= 0.0:
+        return top / (top - side)
+    if bottom < 0.0:
+        return 1.0 + side / (side - bottom)
+    return 2.0
+
+
+@njit(cache=True, error_model="numpy")
+def lies_between_lines(bounds, node, p, n, corner, n_lines, rounding):
+    """True where a box lies between two neighbouring isolines, off the start curve and above the horizon.
+
+    Edges inside it then cross nothing that is swept. `bounds` holds centre and half width in columns 0 to 5.
+    """
+    x, y, z = bounds[node, 0] - p[0], bounds[node, 1] - p[1], bounds[node, 2] - p[2]
+    hx, hy, hz = bounds[node, 3] + rounding, bounds[node, 4] + rounding, bounds[node, 5] + rounding
+    # Off the start curve: to one side of it, or below it.
+    up, side = turn(y, z, corner)
+    half_up, half_side = (hy, hz) if corner % 2 == 0 else (hz, hy)
+    if abs(side) <= half_side and up >= -half_up:
+        return False
+    if n[0] * x + n[1] * y + n[2] * z <= abs(n[0]) * hx + abs(n[1]) * hy + abs(n[2]) * hz:
+        return False
+    # u = x / (|x| + s) grows with x, and with s towards 0.
+    s_min = max(abs(y) - hy, 0.0) + max(abs(z) - hz, 0.0)
+    s_max = abs(y) + hy + abs(z) + hz
+    low, high = x - hx, x + hx
+    u_min = low / (low + s_max) if low > 0.0 else low / (s_min - low)
+    u_max = high / (high + s_min) if high > 0.0 else high / (s_max - high)
+    if not (u_min >= -1.0 and u_max <= 1.0):  # 0 / 0: the box reaches p
+        return False
+    return line_index(u_min - _U_SLACK, n_lines) == line_index(u_max + _U_SLACK, n_lines)
