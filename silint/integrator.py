@@ -15,14 +15,14 @@ from silint.core.edge_hierarchy import EdgeHierarchy, build_edge_hierarchies
 from silint.core.face_hierarchy import build_face_hierarchy
 from silint.core.integrands import fractions
 from silint.core.lift import lift_points
-from silint.core.sweep import BLOCK, pack_intervals, visible_intervals
+from silint.core.sweep import BLOCK, visible_intervals
 from silint.plan import Part, Plan
 from silint.scene import Scene, as_scene
 from silint.validation import InputError, choice, normals_array, points_array, positive_int, unit_vector
 from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility
 
 METHODS = ("auto", "octahedral")
-MAX_ISOLINES = 1 << 16
+MAX_ISOLINES = 4096
 Progress = Callable[[int, int], None]
 
 # Shade points are lifted along their normals by the first distance, and off the faces that touch them and hold
@@ -389,9 +389,7 @@ class SilhouetteIntegrator:
         )
         if needed.max() > capacity:
             return None, int(needed.max())
-        starts = np.concatenate([[0], np.cumsum(needed)])
-        packed = np.empty((starts[-1], 2))
-        pack_intervals(intervals, needed, starts, packed)
+        packed = np.concatenate([rows[:used] for rows, used in zip(intervals, needed, strict=True)])
         offsets = np.zeros(len(p) * isolines + 1, np.int64)
         np.cumsum(counts.ravel(), out=offsets[1:])
         diagnostics = _diagnose(tally, int((counts.sum(axis=1) == 0).sum()), isolines)

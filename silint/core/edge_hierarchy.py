@@ -105,21 +105,19 @@ def _dual_end(planes, code, flip, out):
         out[i] = sign * planes[p, i]
 
 
-@njit(cache=True, parallel=True)
-def _keys(vertices, planes, ends, offsets, codes, dual):
+def _keys(
+    vertices: np.ndarray, planes: np.ndarray, ends: np.ndarray, offsets: np.ndarray, codes: np.ndarray, dual: bool
+) -> np.ndarray:
     """What to keep together: edges near each other and, where the dual test applies, alike in normal."""
-    n = len(ends)
-    keys = np.zeros((n, 6 if dual else 3), dtype=np.float32)
-    for e in prange(n):
-        for i in range(3):
-            keys[e, i] = 0.5 * (vertices[ends[e, 0], i] + vertices[ends[e, 1], i])
-        if dual:
-            f = np.empty(4)
-            for j in range(2):
-                _dual_end(planes, codes[offsets[e] + j], j == 1, f)
-                for i in range(3):
-                    keys[e, 3 + i] += 0.5 * NORMAL_WEIGHT * f[i]
-    return keys
+    middle = vertices[ends].mean(axis=1)
+    if not dual:
+        return middle.astype(np.float32)
+    pairs = codes.reshape(-1, 2)
+    index = np.where(pairs < 0, ~pairs, pairs)
+    # The second plane is negated, as in `_bound_level`.
+    signs = np.where(pairs < 0, -1.0, 1.0) * (1.0, -1.0)
+    normal = (signs[..., None] * planes[index, :3]).mean(axis=1)
+    return np.concatenate([middle, NORMAL_WEIGHT * normal], axis=1).astype(np.float32)
 
 
 @njit(cache=True, parallel=True)

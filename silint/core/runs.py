@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from silint.core.isolines import horizon_reach, start_corner
 
@@ -20,25 +20,21 @@ def _run(n, k, n_lines):
     return start, start + (left + right)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def horizon_runs(normals, n_lines):
     """The unoccluded hemisphere, in the form of visible intervals: offsets (n K + 1,), intervals (m, 2)."""
     n = len(normals)
-    runs = np.empty((n, n_lines, 2))
     offsets = np.zeros(n * n_lines + 1, np.int64)
-    for i in prange(n):
-        for k in range(n_lines):
-            runs[i, k, 0], runs[i, k, 1] = _run((normals[i, 0], normals[i, 1], normals[i, 2]), k, n_lines)
+    intervals = np.empty((n * n_lines, 2))
+    count = 0
     for i in range(n):
         for k in range(n_lines):
-            offsets[i * n_lines + k + 1] = offsets[i * n_lines + k] + (runs[i, k, 0] >= 0.0)
-    intervals = np.empty((offsets[-1], 2))
-    for i in prange(n):
-        for k in range(n_lines):
-            j = offsets[i * n_lines + k]
-            if offsets[i * n_lines + k + 1] > j:
-                intervals[j] = runs[i, k]
-    return offsets, intervals
+            start, end = _run((normals[i, 0], normals[i, 1], normals[i, 2]), k, n_lines)
+            if start >= 0.0:
+                intervals[count, 0], intervals[count, 1] = start, end
+                count += 1
+            offsets[i * n_lines + k + 1] = count
+    return offsets, intervals[:count]
 
 
 @njit(cache=True)

@@ -280,11 +280,3 @@ def visible_intervals(
         needed[block] = n_found
         if n_found <= intervals.shape[1]:
             intervals[block, :n_found] = found[:n_found]
-
-
-@njit(cache=True, parallel=True, error_model="numpy")
-def pack_intervals(block_intervals, needed, block_starts, out):
-    """Close the gaps between blocks."""
-    for block in prange(len(needed)):
-        start = block_starts[block]
-        out[start : start + needed[block]] = block_intervals[block, : needed[block]]

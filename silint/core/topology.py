@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 ULP = 2.0**-53  # half the spacing of float64 just below 1; every stored coordinate is below 1
 
@@ -126,48 +126,36 @@ def _connect(faces: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray
     return edges, offsets, edge_faces, face_edges.reshape(-1, 3)
 
 
-@njit(cache=True, parallel=True)
-def _face_planes(vertices, faces):
+def _face_planes(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit plane and twice the area of every face.
 
     The cross product is taken at the vertex opposite the longest side, where it cancels least. A face
     without area keeps its edges connected; any normal perpendicular to its longest side will do.
     """
-    n = len(faces)
-    planes = np.empty((n, 4))
-    areas = np.empty(n)
-    for f in prange(n):
-        longest, corner = -1.0, 0
-        for i in range(3):
-            side = vertices[faces[f, (i + 1) % 3]] - vertices[faces[f, (i + 2) % 3]]
-            length = side[0] * side[0] + side[1] * side[1] + side[2] * side[2]
-            if length > longest:
-                longest, corner = length, i
-        o = vertices[faces[f, corner]]
-        e = vertices[faces[f, (corner + 1) % 3]] - o
-        g = vertices[faces[f, (corner + 2) % 3]] - o
-        # Scale before multiplying: sides of 1e-160 would underflow.
-        size = 0.0
-        for i in range(3):
-            size = max(size, abs(e[i]), abs(g[i]))
-        e = e / size
-        g = g / size
-        x = e[1] * g[2] - e[2] * g[1]
-        y = e[2] * g[0] - e[0] * g[2]
-        z = e[0] * g[1] - e[1] * g[0]
-        norm = np.sqrt(x * x + y * y + z * z)
-        areas[f] = norm * size * size if norm > 0.0 else 0.0
-        if norm == 0.0:
-            s = e - g
-            x, y, z = (0.0, s[2], -s[1]) if abs(s[0]) <= max(abs(s[1]), abs(s[2])) else (s[1], -s[0], 0.0)
-            norm = np.sqrt(x * x + y * y + z * z)
-        x, y, z = x / norm, y / norm, z / norm
-        d = 0.0
-        for i in range(3):
-            v = vertices[faces[f, i]]
-            d -= (x * v[0] + y * v[1] + z * v[2]) / 3.0
-        planes[f, 0], planes[f, 1], planes[f, 2], planes[f, 3] = x, y, z, d
-    return planes, areas
+    corners = vertices[faces]
+    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # side i is opposite corner i
+    opposite = (sides**2).sum(axis=2).argmax(axis=1)
+    turned = np.take_along_axis(corners, (opposite[:, None] + np.arange(3))[..., None] % 3, axis=1)
+    e, g = turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0]
+    # Scale before multiplying: sides of 1e-160 would underflow.
+    size = np.maximum(np.abs(e), np.abs(g)).max(axis=1, keepdims=True)
+    e, g = e / size, g / size
+    normals = np.cross(e, g)
+    length = np.sqrt((normals**2).sum(axis=1))
+    areas = length * size[:, 0] ** 2
+
+    flat = length == 0.0
+    if flat.any():
+        s = e[flat] - g[flat]
+        steep = np.abs(s[:, 0]) <= np.abs(s[:, 1:]).max(axis=1)
+        zero = np.zeros(len(s))
+        across_x = np.stack([zero, s[:, 2], -s[:, 1]], axis=1)
+        across_z = np.stack([s[:, 1], -s[:, 0], zero], axis=1)
+        normals[flat] = np.where(steep[:, None], across_x, across_z)
+        length[flat] = np.sqrt((normals[flat] ** 2).sum(axis=1))
+    normals /= length[:, None]
+    offsets = -np.einsum("fi,fci->f", normals, corners) / 3.0
+    return np.concatenate([normals, offsets[:, None]], axis=1), areas
 
 
 @njit(cache=True)
@@ -218,19 +206,16 @@ def _share_planes(vertices, faces, planes, by_area, face_edges, edge_offsets, ed
     return code, seeds[:n_planes].copy()
 
 
-@njit(cache=True)
-def _plane_errors(vertices, faces, face_planes, planes):
+def _plane_errors(
+    vertices: np.ndarray, faces: np.ndarray, face_planes: np.ndarray, planes: np.ndarray
+) -> np.ndarray:
     """The largest distance of a face's vertices from its plane, plus the rounding of measuring it."""
-    errors = np.full(len(planes), 4.0 * ULP)
-    for f in range(len(faces)):
-        p = face_planes[f]
-        p = p if p >= 0 else ~p
-        for i in range(3):
-            v = faces[f, i]
-            r = planes[p, 0] * vertices[v, 0] + planes[p, 1] * vertices[v, 1]
-            r = abs(r + planes[p, 2] * vertices[v, 2] + planes[p, 3]) + 4.0 * ULP
-            errors[p] = max(errors[p], r)
-    return errors
+    index = np.where(face_planes < 0, ~face_planes, face_planes)
+    own = planes[index]
+    distances = np.einsum("fi,fci->fc", own[:, :3], vertices[faces]) + own[:, 3:]
+    errors = np.zeros(len(planes))
+    np.maximum.at(errors, index, np.abs(distances).max(axis=1))
+    return errors + 4.0 * ULP
 
 
 @njit(cache=True)

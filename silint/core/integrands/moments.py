@@ -21,7 +21,7 @@ _FUNCTIONS = {
 }
 
 
-@lru_cache(maxsize=12)
+@lru_cache(maxsize=24)
 def moment_table(order: int, isolines: int) -> PrefixTable:
     """Prefix sums of 1 (order 0), of w (order 1: 3 channels), of w w^T (order 2: 6 channels)."""
     table = build_prefix_table(_FUNCTIONS[order], isolines)

@@ -1,0 +1,207 @@
+"""From a mesh file to a file with a value for each of its vertices or faces."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from silint import __version__
+from silint.io import Baked, check_output, write_baked
+from silint.validation import InputError, choice, positive_int, unit_vector
+
+if TYPE_CHECKING:
+    from silint.integrator import SilhouetteIntegrator
+    from silint.scene import Scene
+
+__all__ = ["METHODS", "PER", "QUANTITIES", "WEIGHTINGS", "bake", "bake_scene"]
+
+QUANTITIES = ("ao", "sky", "bent")
+PER = ("vertex", "face")
+METHODS = ("auto", "octahedral")
+WEIGHTINGS = ("cosine", "uniform")
+
+Progress = Callable[[int, int], None]
+
+_MEANINGS = {
+    "ao": "ambient occlusion: visible fraction of the hemisphere; 1 = open, 0 = closed",
+    "sky": "sky view factor: (1/pi) int V max(n.w,0) [up.w > 0] dw; 1 = open and level, 0 = closed",
+    "bent": "bent normal: (1/pi) int V max(n.w,0) w dw; its length says how open (2/3 = fully)",
+}
+
+
+def bake(
+    mesh_path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    quantity: str = "ao",
+    per: str = "vertex",
+    isolines: int = 64,
+    method: str = "auto",
+    weighting: str = "cosine",
+    up: npt.ArrayLike = (0.0, 0.0, 1.0),
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Integrate over what each vertex or face of a mesh file sees, and write the results.
+
+    Parameters
+    ----------
+    mesh_path : str or path-like
+        Any mesh that `silint.load_scene` reads.
+    output : str or path-like
+        A .npz, .ply or .glb file; see `silint.io.write` for what stands in each.
+    quantity : {"ao", "sky", "bent"}
+        Ambient occlusion, sky view factor, or bent normals. 1 = open, 0 = closed.
+    per : {"vertex", "face"}
+        At the file's own vertices with their normals, or at the faces' centres.
+    isolines : int
+        Lines of the octahedral map; the error falls as their number grows.
+    method : {"auto", "octahedral"}
+    weighting : {"cosine", "uniform"}
+        Of ambient occlusion; the other quantities are cosine-weighted by definition.
+    up : array_like, shape (3,)
+        Where the sky is, for "sky".
+    progress : callable, optional
+        Called with (points done, points in all) from time to time.
+
+    Returns
+    -------
+    dict
+        What `silint bake --json` prints: counts, seconds, statistics, diagnostics.
+
+    Raises
+    ------
+    InputError
+        An option, the mesh file or the place of the output is no good, in one line. The output is
+        checked before anything is computed, and nothing is left half-written.
+    """
+    _check_options(quantity, per, isolines, method, weighting)
+    unit_vector(up, "up")
+    check_output(output)
+    if _same_file(mesh_path, output):
+        raise InputError(f"{output}: is the mesh itself; give the result another name")
+
+    from silint.integrator import SilhouetteIntegrator
+    from silint.scene import load_scene
+
+    start = time.perf_counter()
+    scene = load_scene(mesh_path)
+    loaded = time.perf_counter()
+    integrator = SilhouetteIntegrator(scene)
+    built = time.perf_counter()
+    baked, no_normal, diagnostics = bake_scene(
+        integrator, quantity, per, isolines, method, weighting, up, progress
+    )
+    integrated = time.perf_counter()
+    write_baked(output, baked)
+    written = time.perf_counter()
+
+    openness = np.linalg.norm(baked.value, axis=1) if baked.value.ndim == 2 else baked.value
+    return {
+        "mesh": os.fspath(mesh_path),
+        "output": os.fspath(output),
+        **baked.metadata,
+        "n_vertices": scene.n_vertices,
+        "n_faces": scene.n_faces,
+        "n_points": len(baked.value),
+        "without_normal": no_normal,
+        "mean": float(openness.mean()),
+        "min": float(openness.min()),
+        "max": float(openness.max()),
+        "seconds": {
+            "load": loaded - start,
+            "build": built - loaded,
+            "integrate": integrated - built,
+            "write": written - integrated,
+        },
+        "diagnostics": diagnostics,
+    }
+
+
+def bake_scene(
+    integrator: SilhouetteIntegrator,
+    quantity: str = "ao",
+    per: str = "vertex",
+    isolines: int = 64,
+    method: str = "auto",
+    weighting: str = "cosine",
+    up: npt.ArrayLike = (0.0, 0.0, 1.0),
+    progress: Progress | None = None,
+) -> tuple[Baked, int, dict[str, Any]]:
+    """As `bake`, of a scene in memory, and without writing anything.
+
+    Parameters
+    ----------
+    integrator : SilhouetteIntegrator
+        Of the scene whose vertices or faces are wanted.
+    quantity, per, isolines, method, weighting, up, progress
+        As in `bake`.
+
+    Returns
+    -------
+    baked : Baked
+        A row for each vertex or face of the scene. Where there is no normal (a vertex without faces, a face
+        without area) ambient occlusion and sky are 1, and the bent normal is 0.
+    without_normal : int
+        How many such rows there are.
+    diagnostics : dict
+        The integrator's own counts.
+    """
+    _check_options(quantity, per, isolines, method, weighting)
+    scene = integrator.scene
+    points, normals, valid = _sites(scene, per)
+    options: dict[str, Any] = {"isolines": isolines, "method": method, "progress": progress}
+    if quantity == "ao":
+        options["weighting"] = weighting
+    elif quantity == "sky":
+        options["up"] = up
+    queries: dict[str, Callable[..., Any]] = {
+        "ao": integrator.ambient_occlusion,
+        "sky": integrator.sky_view_factor,
+        "bent": integrator.bent_normals,
+    }
+    result = queries[quantity](points[valid], normals[valid], full_output=True, **options)
+    value = np.full((len(points), *result.value.shape[1:]), 0.0 if quantity == "bent" else 1.0)
+    value[valid] = result.value
+    metadata = {
+        "software": f"silint {__version__}",
+        "quantity": quantity,
+        "meaning": _MEANINGS[quantity],
+        "per": per,
+        "isolines": isolines,
+        "method": method,
+        "weighting": weighting if quantity == "ao" else "cosine",
+        **({"up": [float(x) for x in unit_vector(up, "up")]} if quantity == "sky" else {}),
+    }
+    baked = Baked(quantity, per, value, points, normals, scene.vertices, scene.faces, metadata)
+    return baked, int(np.count_nonzero(~valid)), dict(result.diagnostics)
+
+
+def _check_options(quantity: str, per: str, isolines: int, method: str, weighting: str) -> None:
+    choice(quantity, "quantity", QUANTITIES)
+    choice(per, "per", PER)
+    positive_int(isolines, "isolines")
+    choice(method, "method", METHODS)
+    choice(weighting, "weighting", WEIGHTINGS)
+
+
+def _sites(
+    scene: Scene, per: str
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Points, normals (zero where there is none), and where there is one."""
+    if per == "face":
+        points, normals, valid = scene.face_centers_normals()
+    else:
+        normals, valid = scene.vertex_normals()
+        points = scene.vertices
+    return points, np.where(valid[:, None], normals, 0.0), valid
+
+
+def _same_file(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
+    try:
+        return os.path.samefile(a, b)
+    except (OSError, TypeError, ValueError):
+        return False

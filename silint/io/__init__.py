@@ -1,0 +1,19 @@
+"""Files to plain arrays and back."""
+
+from __future__ import annotations
+
+from silint.io.read import MESH_SUFFIXES, MeshData, mesh_data, read_mesh
+from silint.io.write import OUTPUT_SUFFIXES, Baked, check_output, read_values, write_baked, write_bytes
+
+__all__ = [
+    "MESH_SUFFIXES",
+    "OUTPUT_SUFFIXES",
+    "Baked",
+    "MeshData",
+    "check_output",
+    "mesh_data",
+    "read_mesh",
+    "read_values",
+    "write_baked",
+    "write_bytes",
+]

@@ -1,0 +1,306 @@
+"""Results to files: whole, or not at all.
+
+A file is written under a temporary name beside its target and renamed when complete, so that neither an
+error nor Ctrl-C leaves half a file, and an older result stays until the new one is there.
+
+==========  =====================================================================================
+``.npz``    ``value``, ``points``, ``normals`` (float64) and ``metadata``, a JSON string
+``.ply``    binary; the value as properties of vertices or faces in double (``ao``, ``sky``, or
+            ``bent_x bent_y bent_z``), positions as the mesh has them, ``nx ny nz``, and 8-bit
+            colours for viewers; the metadata stands in a ``comment silint`` line
+``.glb``    float32 ``_AO``, ``_SKY`` or ``_BENT`` and ``COLOR_0`` (linear, as glTF asks: grey, and for
+            bent normals (b + 1) / 2); results for faces unshare the vertices, three for each face
+==========  =====================================================================================
+
+`read_values` reads all three. Other readers of .ply: trimesh puts properties that it does not know under
+``mesh.metadata["_ply_raw"]["vertex"]["data"]["ao"]`` (or ``"face"``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import secrets
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.io.glb import glb_bytes, glb_values
+from silint.validation import InputError
+
+__all__ = [
+    "OUTPUT_SUFFIXES",
+    "Baked",
+    "check_output",
+    "discard_unfinished",
+    "read_values",
+    "write_baked",
+    "write_bytes",
+]
+
+OUTPUT_SUFFIXES = (".npz", ".ply", ".glb")
+
+# Temporary files being written, for `discard_unfinished`.
+_unfinished: set[Path] = set()
+
+
+class Baked(NamedTuple):
+    """One quantity on a mesh, and what a file says about it."""
+
+    quantity: str
+    """``ao``, ``sky`` or ``bent``: names the property."""
+    per: str
+    """``vertex`` or ``face``."""
+    value: npt.NDArray[np.float64]
+    """(n,) or (n, 3), a row for each vertex or face."""
+    points: npt.NDArray[np.float64]
+    """(n, 3) where the value was taken."""
+    normals: npt.NDArray[np.float64]
+    """(n, 3) unit normals there; zero where there is none."""
+    vertices: npt.NDArray[np.float64]
+    """(V, 3) of the mesh."""
+    faces: npt.NDArray[np.integer[Any]]
+    """(F, 3) of the mesh."""
+    metadata: dict[str, Any]
+    """Anything that JSON can hold."""
+
+
+def check_output(path: str | os.PathLike[str], suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Path:
+    """Make sure, before any computing, that a file can be written there.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The file to be written.
+    suffixes : tuple of str
+        What its name may end in.
+
+    Returns
+    -------
+    pathlib.Path
+        Where links lead; the place itself is not touched.
+
+    Raises
+    ------
+    InputError
+        Unknown suffix, a folder of that name, a folder that does not exist or cannot be written to, or a
+        write-protected file, in one line that names the path.
+    """
+    try:
+        file = Path(path)
+    except TypeError:
+        raise InputError(f"output path is a {type(path).__name__}; expected a string or a path") from None
+    if file.suffix.lower() not in suffixes:
+        raise InputError(f"{file}: unknown suffix {file.suffix!r}; expected one of {' '.join(suffixes)}")
+    try:
+        target = Path(os.path.realpath(file))
+        if target.is_dir():
+            raise InputError(f"{file}: is a folder; expected the name of a file")
+        if not target.parent.is_dir():
+            raise InputError(f"{file}: its folder {str(file.parent)!r} does not exist; create it first")
+        if target.exists() and not os.access(target, os.W_OK):
+            raise InputError(f"{file}: the file is write-protected")
+        # Permission bits do not tell about read-only mounts, quotas or access lists; an attempt does.
+        attempt = _temporary_name(target)
+        attempt.open("xb").close()
+        attempt.unlink()
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{file}: its folder cannot be written to ({reason})") from None
+    return target
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Replaced if it exists.
+    data : bytes
+        All of its contents.
+
+    Raises
+    ------
+    InputError
+        The file system refuses; whatever stood there before is untouched.
+    """
+    target = Path(os.path.realpath(path))
+    temporary = _temporary_name(target)
+    _unfinished.add(temporary)
+    try:
+        try:
+            with temporary.open("xb") as stream:
+                stream.write(data)
+            os.replace(temporary, target)
+        except BaseException:  # Ctrl-C too
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    finally:
+        _unfinished.discard(temporary)
+
+
+def discard_unfinished() -> None:
+    """Remove the temporary files of writes under way, for a process that is about to be cut off."""
+    for temporary in list(_unfinished):
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def write_baked(path: str | os.PathLike[str], baked: Baked) -> None:
+    """Write a result in the format that the suffix names (see the module's head).
+
+    Parameters
+    ----------
+    path : str or path-like
+        Ends in one of `OUTPUT_SUFFIXES`.
+    baked : Baked
+        The result and its mesh.
+
+    Raises
+    ------
+    InputError
+        As `check_output` and `write_bytes`.
+    """
+    target = check_output(path)
+    formats = {".npz": _npz_bytes, ".ply": _ply_bytes, ".glb": _glb_bytes}
+    write_bytes(target, formats[target.suffix.lower()](baked))
+
+
+def read_values(path: str | os.PathLike[str], quantity: str) -> npt.NDArray[np.float64]:
+    """The values that `write_baked` wrote.
+
+    Parameters
+    ----------
+    path : str or path-like
+        An .npz, .ply or .glb file.
+    quantity : str
+        ``ao``, ``sky`` or ``bent``.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,) or (n, 3)
+        A row for each vertex or face; of a .glb, for each of its vertices, in float32 precision.
+
+    Raises
+    ------
+    InputError
+        No such file, or it does not hold that quantity.
+    """
+    file = Path(path)
+    try:
+        if file.suffix.lower() == ".npz":
+            with np.load(file, allow_pickle=False) as archive:
+                if json.loads(str(archive["metadata"])).get("quantity") != quantity:
+                    raise KeyError(quantity)
+                return np.asarray(archive["value"], dtype=np.float64)
+        if file.suffix.lower() == ".glb":
+            return glb_values(file.read_bytes(), f"_{quantity.upper()}")
+        return _ply_values(file, _property_names(quantity))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror or error})") from None
+    except (KeyError, IndexError, ValueError):
+        raise InputError(f"{file}: holds no {quantity!r} that silint wrote") from None
+
+
+def _temporary_name(target: Path) -> Path:
+    # Not mkstemp: it would leave the result readable by its owner only, whatever the umask says.
+    return target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+
+
+def _property_names(quantity: str) -> tuple[str, ...]:
+    return ("bent_x", "bent_y", "bent_z") if quantity == "bent" else (quantity,)
+
+
+def _colors(value: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(n, 3) in [0, 1]: grey for a fraction, and the usual (b + 1) / 2 for a direction."""
+    rgb = np.repeat(value[:, None], 3, axis=1) if value.ndim == 1 else 0.5 * (value + 1.0)
+    return np.clip(rgb, 0.0, 1.0)
+
+
+def _npz_bytes(baked: Baked) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        value=baked.value,
+        points=baked.points,
+        normals=baked.normals,
+        metadata=np.array(json.dumps(baked.metadata)),
+    )
+    return buffer.getvalue()
+
+
+def _ply_bytes(baked: Baked) -> bytes:
+    """Binary PLY, written here because trimesh's writer rounds positions to float32."""
+    per_vertex = baked.per == "vertex"
+    as_float32 = bool(np.array_equal(baked.vertices.astype(np.float32), baked.vertices))
+    position = ("float", "<f4") if as_float32 else ("double", "<f8")
+    columns = baked.value.reshape(len(baked.value), -1)
+
+    result_fields: list[tuple[str, str, str, npt.NDArray[Any]]] = []
+    for i, axis in enumerate("xyz"):
+        result_fields.append((f"n{axis}", *position, baked.normals[:, i]))
+    for i, name in enumerate(_property_names(baked.quantity)):
+        result_fields.append((name, "double", "<f8", columns[:, i]))
+    eight_bit = np.rint(255.0 * _colors(baked.value))
+    for i, channel in enumerate(("red", "green", "blue")):
+        result_fields.append((channel, "uchar", "u1", eight_bit[:, i]))
+
+    vertex_fields = [(axis, *position, baked.vertices[:, i]) for i, axis in enumerate("xyz")]
+    vertex_fields += result_fields if per_vertex else []
+    header = ["ply", "format binary_little_endian 1.0", f"comment silint {json.dumps(baked.metadata)}"]
+    header.append(f"element vertex {len(baked.vertices)}")
+    header += [f"property {kind} {name}" for name, kind, _, _ in vertex_fields]
+    header.append(f"element face {len(baked.faces)}")
+    header.append("property list uchar int vertex_indices")
+    face_fields = [] if per_vertex else result_fields
+    header += [f"property {kind} {name}" for name, kind, _, _ in face_fields]
+    header.append("end_header\n")
+
+    vertex = np.empty(len(baked.vertices), dtype=[(name, dtype) for name, _, dtype, _ in vertex_fields])
+    for name, _, _, column in vertex_fields:
+        vertex[name] = column
+    face = np.empty(
+        len(baked.faces),
+        dtype=[
+            ("count", "u1"),
+            ("index", "<i4", (3,)),
+            *((name, dtype) for name, _, dtype, _ in face_fields),
+        ],
+    )
+    face["count"] = 3
+    face["index"] = baked.faces
+    for name, _, _, column in face_fields:
+        face[name] = column
+    return "\n".join(header).encode("ascii") + vertex.tobytes() + face.tobytes()
+
+
+def _ply_values(file: Path, names: tuple[str, ...]) -> npt.NDArray[np.float64]:
+    import trimesh
+
+    mesh = cast(Any, trimesh.load_scene(str(file), process=False, fix_texture=False))
+    for part in mesh.geometry.values():
+        for element in part.metadata["_ply_raw"].values():
+            if all(name in element["properties"] for name in names):
+                columns = [np.array(element["data"][name], dtype=np.float64).reshape(-1) for name in names]
+                return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]
+    raise KeyError(names[0])
+
+
+def _glb_bytes(baked: Baked) -> bytes:
+    value, normals = baked.value, baked.normals
+    vertices, faces = baked.vertices, np.asarray(baked.faces)
+    if baked.per == "face":
+        vertices = vertices[faces.ravel()]
+        value, normals = np.repeat(value, 3, axis=0), np.repeat(normals, 3, axis=0)
+        faces = np.arange(3 * len(faces)).reshape(-1, 3)
+    attributes = {"COLOR_0": _colors(value), f"_{baked.quantity.upper()}": value}
+    return glb_bytes(vertices, faces, normals, attributes, baked.metadata)

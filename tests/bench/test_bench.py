@@ -1,0 +1,166 @@
+"""The benchmark on a small scene: its numbers hang together, and its judge can convict."""
+
+from __future__ import annotations
+
+import copy
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from silint.bench import bench_command, plot, print_tables, run_bench, truth
+from silint.reference import EmbreeQMC, embree_available
+from silint.scene import Scene
+from silint.validation import InputError
+
+pytestmark = pytest.mark.skipif(not embree_available(), reason="no embreex for this platform")
+
+
+def _tent() -> Scene:
+    """A floor under a crooked roof of two rectangles."""
+    v = [(-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0)]
+    v += [(-1, -1.1, 0.3), (0.2, -1.3, 1.4), (0.1, 1.2, 1.5), (-1.2, 1, 0.4), (1.3, -1, 0.6), (1.1, 0.9, 0.5)]
+    quads = [(0, 1, 2, 3), (4, 5, 6, 7), (5, 8, 9, 6)]
+    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    return Scene(np.array(v, np.float64), np.array(faces), name="tent")
+
+
+@pytest.fixture(scope="module")
+def report() -> dict[str, Any]:
+    # A reference of 256 lines is far better than the 8 and 32 that it judges, and quick.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(truth, "_REFERENCE_ISOLINES", 256)
+        return run_bench([_tent()], points=300, isolines=(32, 8), rays=(64, 1024), repeats=2, seconds=0.4)
+
+
+def test_every_setting_has_a_row(report: dict[str, Any]) -> None:
+    scene = report["scenes"][0]
+    assert scene["name"] == "tent" and scene["n_faces"] == 6
+    assert [(r["method"], r["setting"]) for r in scene["rows"]] == [
+        ("silint", 8), ("embree", 64), ("silint", 32), ("embree", 1024),
+    ]  # fmt: skip
+    for row in scene["rows"]:
+        assert 256 <= row["points"] <= 300 and 1 <= row["rounds"] <= 2
+        assert row["us_per_point"] == pytest.approx(1e6 * row["seconds"] / row["points"])
+        assert 0 < row["rmse"] <= row["max_error"] < 0.2
+        if row["method"] == "embree":
+            assert row["rays_per_second"] == pytest.approx(row["setting"] * row["points"] / row["seconds"])
+            # Making rays takes time; 16 batches on a busy machine may say otherwise by a little.
+            assert row["bare_rays_per_second"] > 0.5 * row["rays_per_second"]
+
+
+def test_errors_fall_and_the_reference_is_better(report: dict[str, Any]) -> None:
+    scene = report["scenes"][0]
+    rmse = {(r["method"], r["setting"]): r["rmse"] for r in scene["rows"]}
+    assert rmse["silint", 32] < 0.5 * rmse["silint", 8]
+    assert rmse["embree", 1024] < 0.5 * rmse["embree", 64]
+    noise = scene["reference"]["standard_error"]
+    for row in scene["rows"]:
+        assert row["resolved"] == (row["rmse"] >= 4 * noise)
+    assert all(r["resolved"] for r in scene["rows"] if r["setting"] in (8, 64))
+
+
+def test_embree_confirms_the_reference(report: dict[str, Any]) -> None:
+    check = report["scenes"][0]["check"]
+    assert check["p_value"] > 1e-6
+    assert abs(check["mean_difference"]) < 6 * check["mean_difference_error"]
+    assert 0.3 < check["rms_sigma"] < 2
+
+
+def test_embree_convicts_a_wrong_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truth, "_REFERENCE_ISOLINES", 256)
+    scene = _tent()
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-1, 1, (256, 2)), np.full(256, 1e-3)])
+    normals = np.tile([0.0, 0, 1], (256, 1))
+    options = {"seed": 0, "weighting": "cosine"}
+    embree = EmbreeQMC(scene.vertices, scene.faces)
+    right = truth.reference(scene.vertices, scene.faces, points, normals, options, rng, lambda *_: None)
+    wrong = right.value.copy()
+    wrong[17] += 0.01
+    shifted = truth.Reference(wrong, right.standard_error, right.isolines, right.rotations)
+    found = truth.check(embree, shifted, points, normals, options, lambda *_: None)
+    assert [f["point"] for f in found["beyond_5_sigma"]] == [points[17].tolist()]
+    assert found["p_value"] < 1e-9
+
+
+def test_the_report_is_json_and_prints(report: dict[str, Any]) -> None:
+    from rich.console import Console
+
+    assert json.loads(json.dumps(report)) == report
+    assert report["schema"] == "silint-bench/1"
+    out = io.StringIO()
+    print_tables(report, Console(file=out, width=100))
+    text = out.getvalue()
+    assert "tent: 6 triangles" in text and "1,024 rays" in text and "32 isolines" in text
+    # No setting of either side is this good: a bound, not a figure.
+    assert "3e-05" in text and ">" in text
+
+
+def test_the_tables_name_what_is_suspicious(report: dict[str, Any]) -> None:
+    from rich.console import Console
+
+    accused = copy.deepcopy(report)
+    found = {"point": [1.0, 2.0, 3.0], "normal": [0, 0, 1], "silint": 0.5, "embree": 0.6, "sigma": 9.0}
+    accused["scenes"][0]["check"] |= {"p_value": 1e-12, "beyond_5_sigma": [found]}
+    out = io.StringIO()
+    print_tables(accused, Console(file=out, width=200))
+    assert "(1, 2, 3)" in out.getvalue() and "no chance" in out.getvalue()
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
+def test_the_figure(report: dict[str, Any], tmp_path: Path, suffix: str, magic: bytes) -> None:
+    path = tmp_path / f"curves{suffix}"
+    many = {**report, "scenes": report["scenes"] * 4}
+    plot(many, path)
+    assert path.read_bytes().startswith(magic)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rays": "64,1000"}, "1000 is not one"),
+        ({"rays": "many"}, "rays is 'many'"),
+        ({"isolines": "8,0"}, "isolines is 0"),
+        ({"isolines": ""}, "isolines is ''"),
+        ({"points": 100}, "points is 100"),
+        ({"repeats": 0}, "repeats is 0"),
+        ({"seconds": 0.0}, "seconds is 0"),
+        ({"weighting": "area"}, "weighting is 'area'"),
+        ({"json_file": "no/such/folder/x.json"}, "does not exist"),
+        ({"json_file": "x.txt"}, "unknown suffix"),
+        ({"plot_file": "x.bmp"}, "unknown suffix"),
+        ({"scenes": ["no-such-mesh.obj"]}, "no-such-mesh.obj"),
+    ],
+)
+def test_mistakes_are_one_line_before_any_work(
+    options: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=message) as caught:
+        bench_command(**options)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mesh_without_area_has_no_points() -> None:
+    flat = Scene(np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0.0)]), [[0, 1, 2]])
+    with pytest.raises(InputError, match="no face has any area"):
+        run_bench([flat])
+
+
+def test_points_are_uniform_over_the_area() -> None:
+    from silint.bench.measure import _area_samples
+
+    v = np.array([(0, 0, 0), (3, 0, 0), (0, 1, 0), (0, 0, 5), (1, 0, 5), (0, 1, 5)], np.float64)
+    faces = np.array([[0, 1, 2], [3, 5, 4], [0, 0, 1]], np.int32)
+    p, n, ids = _area_samples(v, faces, 4000, np.random.default_rng(0))
+    # Three quarters on the large one: 4000 draws tell to 0.7 %.
+    assert (ids == 0).mean() == pytest.approx(0.75, abs=0.03)
+    np.testing.assert_array_equal(n[ids == 0], np.tile([0.0, 0, 1], ((ids == 0).sum(), 1)))
+    np.testing.assert_array_equal(n[ids == 1], np.tile([0.0, 0, -1], ((ids == 1).sum(), 1)))
+    np.testing.assert_allclose(p[ids == 0].mean(axis=0), [1, 1 / 3, 0], atol=0.06)
