@@ -206,7 +206,7 @@ def _bench(
     weighting: Annotated[str, typer.Option(help="cosine or uniform.")] = "cosine",
     seed: Annotated[int, typer.Option(help="Of the points and the rays.")] = 0,
     repeats: Annotated[int | None, typer.Option(help="Rounds; the median of their times counts.")] = None,
-    seconds: Annotated[float | None, typer.Option(help="Most that one setting may take.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Time to spend on each scene's timings.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer points, rays and rounds.")] = False,
     json_file: Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write a report.")] = None,
     plot_file: Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw a figure.")] = None,

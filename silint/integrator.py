@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from silint.core.contour import CONTOURS, CROSSINGS, EDGES, FALLBACK, N_TALLY, NODES, SNAPPED
+from silint.core.contour import CONTOURS, CROSSINGS, EDGES, N_TALLY, NODES, SNAPPED
 from silint.core.edge_hierarchy import EdgeHierarchy, build_edge_hierarchies
 from silint.core.face_hierarchy import build_face_hierarchy
 from silint.core.integrands import fractions
 from silint.core.lift import lift_points
-from silint.core.sweep import BLOCK, visible_intervals
+from silint.core.sweep import BLOCK
+from silint.core.visible import Trees, VisibleIntervals, cover_visible, find_visible
 from silint.plan import Part, Plan
 from silint.scene import Scene, as_scene
 from silint.validation import InputError, choice, normals_array, points_array, positive_int, unit_vector
@@ -25,10 +26,10 @@ METHODS = ("auto", "octahedral")
 MAX_ISOLINES = 4096
 Progress = Callable[[int, int], None]
 
-# Shade points are lifted along their normals by the first distance, and off the faces that touch them and hold
-# their normal by the second; a face touches within the third (core.lift). In units of the scene, for points
-# that are exact in float64 and for coordinates that came as float32. Far above the rounding of the mesh, so
-# that an edge below a lifted point keeps its direction to 1e-5; far below any feature of a mesh.
+# Shade points are lifted along their normals by the first distance, and off the faces that touch them and
+# hold their normal by the second; a face touches within the third (core.lift). In units of the scene, for
+# points that are exact in float64 and for coordinates that came as float32. Far above the rounding of the
+# mesh, so that an edge below a lifted point keeps its direction to 1e-5; far below any feature of a mesh.
 LIFT = (2.0**-36, 2.0**-44, 2.0**-48)
 LIFT_FLOAT32 = (2.0**-18, 2.0**-21, 2.0**-23)
 
@@ -74,7 +75,7 @@ class SilhouetteIntegrator:
         self.scene: Scene = as_scene(scene)
         topology = self.scene.topology
         contour, boundary, self._flat_edges = build_edge_hierarchies(topology)
-        self._trees = (contour, boundary, build_face_hierarchy(topology))
+        self._trees = Trees(contour, boundary, build_face_hierarchy(topology))
         self._geometry = topology
 
     # ------------------------------------------------------------------ queries
@@ -95,7 +96,8 @@ class SilhouetteIntegrator:
         ----------
         points, normals : array_like, shape (n, 3)
         isolines : int
-            Lines on the octahedral map; the error falls about as isolines ** -1.5.
+            Lines on the octahedral map, 1 to 4096; two are used for 1. The error falls about as
+            isolines ** -1.5.
         weighting : {"cosine", "uniform"}
             (1/pi) int V max(n.w, 0) dw, or (1/2pi) int V dw over the hemisphere of n.
         method : {"auto", "octahedral"}
@@ -189,36 +191,40 @@ class SilhouetteIntegrator:
             About 100 bytes an isoline and point.
         """
         choice(method, "method", METHODS)
-        positive_int(isolines, "isolines", 1, MAX_ISOLINES)
+        lines = _at_least_two(isolines)
         p, n = self._shade_points(points, normals)
-        parts = [v for v, _ in self._chunks(p, n, int(isolines), progress)]
-        if not parts:
-            empty = np.zeros(1, np.int64), np.zeros((0, 2))
-            return Visibility(n, int(isolines), *empty, diagnostics=_diagnose(None, 0, int(isolines)))
-        lengths = np.concatenate([np.diff(v.offsets) for v in parts])
-        offsets = np.concatenate([[0], np.cumsum(lengths)])
-        diagnostics = {key: sum(v.diagnostics[key] for v in parts) for key in parts[0].diagnostics}
-        diagnostics["isolines"] = int(isolines)
-        return Visibility(
-            n, int(isolines), offsets, np.concatenate([v.intervals for v in parts]), diagnostics=diagnostics
-        )
+        totals = _diagnose(None, 0, 0, lines)
+        lengths, intervals = [np.zeros(1, np.int64)], [np.zeros((0, 2))]
+        for visible, _ in self._chunks(p, n, lines, progress):
+            lengths.append(np.diff(visible.offsets))
+            intervals.append(visible.intervals)
+            _add(totals, visible.diagnostics)
+        offsets = np.cumsum(np.concatenate(lengths))
+        return Visibility(n, lines, offsets, np.concatenate(intervals), diagnostics=totals)
 
     # ------------------------------------------------------------------ what is built, and why
 
     @property
     def plan(self) -> Plan:
         """What the scene needs, whatever will be asked of it."""
-        contour, boundary, face_tree = self._trees
+        contour, boundary, _ = self._trees
         defects = self.scene.defects
         others = defects["boundary_edges"] + defects["non_manifold_edges"]
         return Plan(
             f"scene: {self.scene.n_faces:,} triangles",
             (
-                Part("topology", True, "edges with all their faces, one plane a flat region", self.memory["topology"]),
+                Part(
+                    "topology",
+                    True,
+                    "edges with all their faces, one plane a flat region",
+                    self.memory["topology"],
+                ),
                 Part(
                     "contour hierarchy",
                     len(contour.ends) > 0,
-                    f"{len(contour.ends):,} edges with two faces" if len(contour.ends) else "no edge has two faces",
+                    f"{len(contour.ends):,} edges with two faces"
+                    if len(contour.ends)
+                    else "no edge has two faces",
                     self.memory["contour hierarchy"],
                 ),
                 Part(
@@ -258,7 +264,7 @@ class SilhouetteIntegrator:
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
         orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
         used = orders.get(request, {1, 2} if request == "bent_normals" else set())
-        has_boundary = len(self._trees[1].ends) > 0
+        has_boundary = len(self._trees.boundary.ends) > 0
         tables = tuple(
             Part(
                 name,
@@ -287,7 +293,9 @@ class SilhouetteIntegrator:
                 Part(
                     "second horizon",
                     request == "sky_view_factor",
-                    "clip by the plane of the sky" if request == "sky_view_factor" else "no sky plane asked for",
+                    "clip by the plane of the sky"
+                    if request == "sky_view_factor"
+                    else "no sky plane asked for",
                 ),
             ),
         )
@@ -321,18 +329,15 @@ class SilhouetteIntegrator:
     ) -> Any:
         """Run phase one and one integrand chunk by chunk, so that memory does not grow with the points."""
         choice(method, "method", METHODS)
-        # A single isoline, at u = 0, meets no hemisphere of a normal along x.
-        lines = max(positive_int(isolines, "isolines", 1, MAX_ISOLINES), 2)
+        lines = _at_least_two(isolines)
         p, n = self._shade_points(points, normals)
         value = np.empty((len(p), *shape))
         estimate = np.empty(len(p))
-        totals = _diagnose(None, 0, lines)
+        totals = _diagnose(None, 0, 0, lines)
         for visible, rows in self._chunks(p, n, lines, progress):
             with _KERNEL_LOCK:
                 value[rows], estimate[rows] = integrand(visible)
-            for key, count in visible.diagnostics.items():
-                totals[key] += count
-        totals["isolines"] = lines
+            _add(totals, visible.diagnostics)
         return Result(value, estimate, totals) if full_output else value
 
     def _shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -347,7 +352,7 @@ class SilhouetteIntegrator:
         lift = LIFT_FLOAT32 if float32_points or self.scene.float32_source else LIFT
         lifted = np.empty_like(p)
         with _KERNEL_LOCK:
-            lift_points(self._geometry, self._trees[2], p, n, *lift, lifted)
+            lift_points(self._geometry, self._trees.face, p, n, *lift, lifted)
         return lifted, n
 
     def _chunks(
@@ -359,41 +364,28 @@ class SilhouetteIntegrator:
             rows = slice(done, min(done + size, len(p)))
             began = time.perf_counter()
             with _KERNEL_LOCK:
-                visible, needed = self._find(p[rows], n[rows], isolines, capacity, cover_all)
-            if visible is None:
+                found: VisibleIntervals | int
+                if cover_all:
+                    found = cover_visible(self._geometry, self._trees, p[rows], n[rows], isolines)
+                else:
+                    found = find_visible(self._geometry, self._trees, p[rows], n[rows], isolines, capacity)
+            most_blocks = max(_CHUNK_BYTES // (16 * capacity), 1)
+            if isinstance(found, int):
                 # Grow the buffers, in fewer points at a time if they would become large.
-                capacity = needed + needed // 4
-                blocks = max(_CHUNK_BYTES // (16 * capacity), 1)
-                size = min(size, BLOCK * blocks)
+                capacity = found + found // 4
+                size = min(size, BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1))
                 continue
-            yield visible, rows
+            seen = np.diff(found.offsets[::isolines])
+            diagnostics = _diagnose(found, len(seen), int((seen == 0).sum()), isolines)
+            yield (
+                Visibility(n[rows], isolines, found.offsets, found.intervals, "octahedral", diagnostics),
+                rows,
+            )
             done = rows.stop
             if progress is not None:
                 progress(done, len(p))
-            elapsed = time.perf_counter() - began
-            factor = min(max(_CHUNK_SECONDS / max(elapsed, 1e-9), 0.25), 4.0)
-            blocks = max(_CHUNK_BYTES // (16 * capacity), 1)
-            size = BLOCK * min(max(int(size * factor) // BLOCK, 1), blocks)
-
-    def _find(
-        self, p: FloatArray, n: FloatArray, isolines: int, capacity: int, cover_all: bool
-    ) -> tuple[Visibility | None, int]:
-        """Phase one for one chunk; None and the capacity needed if a block's intervals did not fit."""
-        blocks = -(-len(p) // BLOCK)
-        counts = np.zeros((len(p), isolines), np.int32)
-        intervals = np.empty((blocks, capacity, 2))
-        needed = np.zeros(blocks, np.int64)
-        tally = np.zeros((len(p), N_TALLY), np.int64)
-        visible_intervals(
-            self._geometry, *self._trees, p, n, cover_all, counts, intervals, needed, tally
-        )
-        if needed.max() > capacity:
-            return None, int(needed.max())
-        packed = np.concatenate([rows[:used] for rows, used in zip(intervals, needed, strict=True)])
-        offsets = np.zeros(len(p) * isolines + 1, np.int64)
-        np.cumsum(counts.ravel(), out=offsets[1:])
-        diagnostics = _diagnose(tally, int((counts.sum(axis=1) == 0).sum()), isolines)
-        return Visibility(n, isolines, offsets, packed, "octahedral", diagnostics), 0
+            factor = _CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)
+            size = BLOCK * min(max(int(size * min(max(factor, 0.25), 4.0)) // BLOCK, 1), most_blocks)
 
 
 def ambient_occlusion(
@@ -436,9 +428,14 @@ def ambient_occlusion(
 
 
 def at_valid_points(
-    query: Callable[..., Any], points: FloatArray, normals: FloatArray, valid: Any, default: Any, **options: Any
+    query: Callable[..., Any],
+    points: FloatArray,
+    normals: FloatArray,
+    valid: Any,
+    default: Any,
+    **options: Any,
 ) -> Any:
-    """Run a query where there is a normal; elsewhere the value is `default`, counted as ``without_normal``."""
+    """Run a query where there is a normal; elsewhere the value is `default`, and ``without_normal`` counts."""
     full_output = options.pop("full_output", False)
     result = query(points[valid], normals[valid], full_output=True, **options)
     value = np.empty((len(points), *result.value.shape[1:]))
@@ -450,19 +447,30 @@ def at_valid_points(
     return Result(value, estimate, diagnostics) if full_output else value
 
 
-def _diagnose(tally: npt.NDArray[np.int64] | None, buried: int, isolines: int) -> dict[str, int]:
-    total = np.zeros(N_TALLY, np.int64) if tally is None else tally.sum(axis=0)
+def _diagnose(found: VisibleIntervals | None, points: int, buried: int, isolines: int) -> dict[str, int]:
+    tally = np.zeros(N_TALLY, np.int64) if found is None else found.tally
     return {
-        "points": 0 if tally is None else len(tally),
+        "points": points,
         "isolines": isolines,
         "buried": buried,
-        "fallback_isolines": int(total[FALLBACK]),
-        "snapped_sides": int(total[SNAPPED]),
-        "nodes_visited": int(total[NODES]),
-        "edges_tested": int(total[EDGES]),
-        "contour_edges": int(total[CONTOURS]),
-        "crossings": int(total[CROSSINGS]),
+        "fallback_isolines": 0 if found is None else found.covered,
+        "snapped_sides": int(tally[SNAPPED]),
+        "nodes_visited": int(tally[NODES]),
+        "edges_tested": int(tally[EDGES]),
+        "contour_edges": int(tally[CONTOURS]),
+        "crossings": int(tally[CROSSINGS]),
     }
+
+
+def _add(totals: dict[str, int], more: Mapping[str, int]) -> None:
+    for key in totals:
+        if key != "isolines":
+            totals[key] += more[key]
+
+
+def _at_least_two(isolines: int) -> int:
+    """A single isoline, at u = 0, meets no hemisphere of a normal along x."""
+    return max(positive_int(isolines, "isolines", 1, MAX_ISOLINES), 2)
 
 
 def _n_bytes(arrays: EdgeHierarchy | Any) -> int:

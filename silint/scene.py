@@ -56,7 +56,9 @@ class Scene:
         if normals is not None:
             own = np.asarray(normals, dtype=np.float64)
             if own.shape != self.vertices.shape:
-                raise InputError(f"normals has shape {own.shape}; expected {self.vertices.shape}, one a vertex")
+                raise InputError(
+                    f"normals has shape {own.shape}; expected {self.vertices.shape}, one a vertex"
+                )
             self.normals = _frozen(own)
         self.name = name
         self.float32_source = float32_source
@@ -99,7 +101,8 @@ class Scene:
     @property
     def defects(self) -> dict[str, int]:
         """Counts of boundary, non-manifold and inconsistently wound edges, duplicate and zero-area faces,
-        unreferenced vertices, and vertices that share their position with an earlier one."""
+        unreferenced vertices, and vertices that share their position with an earlier one.
+        """
         return dict(self._connected[2])
 
     def vertex_normals(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
@@ -111,15 +114,16 @@ class Scene:
             The file's own where it has them, else the angle-weighted mean of the normals of all faces that
             meet at the vertex's position [Thuermer and Wuethrich 1998].
         valid : (V,) bool
-            False where a vertex has neither; its normal is then (0, 0, 1) and means nothing.
+            False where a vertex has neither, or belongs to no face; its normal is then (0, 0, 1) and means
+            nothing.
         """
         normals = self._angle_weighted_normals()
         if self.normals is not None:
             own = np.where(np.isfinite(self.normals), self.normals, 0.0)
             own = _unit(own)
-            has_own = own.any(axis=1)
-            normals[has_own] = own[has_own]
-        valid = normals.any(axis=1)
+            replace = own.any(axis=1) & self._referenced
+            normals[replace] = own[replace]
+        valid = np.asarray(normals.any(axis=1))
         normals[~valid] = (0.0, 0.0, 1.0)
         return normals, valid
 
@@ -140,15 +144,21 @@ class Scene:
         # Opposite faces cancel to rounding; what is left then is no direction.
         total[np.linalg.norm(total, axis=1) < 1e-9] = 0.0
         normals: FloatArray = _unit(total)[welding.vertex_map]
-        normals[~np.isin(np.arange(self.n_vertices), self.faces)] = 0.0
+        normals[~self._referenced] = 0.0
         return normals
+
+    @cached_property
+    def _referenced(self) -> npt.NDArray[np.bool_]:
+        used = np.zeros(self.n_vertices, dtype=bool)
+        used[self.faces] = True
+        return used
 
     def face_centers_normals(self) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
         """Centroids and unit normals of the file's faces; False where a face has no area."""
         corners = self.vertices[self.faces]
         scaled = np.ldexp(corners, -self.welding.exponent)
         normals = _unit(np.cross(scaled[:, 1] - scaled[:, 0], scaled[:, 2] - scaled[:, 0]))
-        valid = normals.any(axis=1)
+        valid = np.asarray(normals.any(axis=1))
         normals[~valid] = (0.0, 0.0, 1.0)
         return corners.mean(axis=1), normals, valid
 
@@ -177,7 +187,7 @@ def as_scene(source: Any) -> Scene:
         return source
     if isinstance(source, str | os.PathLike):
         return load_scene(source)
-    if hasattr(source, "vertices") and hasattr(source, "faces") or hasattr(source, "geometry"):
+    if (hasattr(source, "vertices") and hasattr(source, "faces")) or hasattr(source, "geometry"):
         return Scene.from_trimesh(source)
     raise InputError(f"scene is a {type(source).__name__}; expected a Scene, a path or a trimesh object")
 
@@ -200,4 +210,5 @@ def _unit(vectors: FloatArray) -> FloatArray:
     size = np.abs(vectors).max(axis=-1, keepdims=True)
     scaled = np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
     length = np.linalg.norm(scaled, axis=-1, keepdims=True)
-    return np.divide(scaled, length, out=scaled, where=length > 0.0)
+    unit: FloatArray = np.divide(scaled, length, out=scaled, where=length > 0.0)
+    return unit

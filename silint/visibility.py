@@ -95,9 +95,7 @@ class Visibility:
         if not isinstance(table, PrefixTable):
             raise InputError(f"table is a {type(table).__name__}; expected a PrefixTable or a function")
         if len(table.values) != self.isolines:
-            raise InputError(
-                f"table has {len(table.values)} isolines; this visibility has {self.isolines}"
-            )
+            raise InputError(f"table has {len(table.values)} isolines; this visibility has {self.isolines}")
         parts = integrate_intervals(table.values, table.nodes_per_quarter, *self._visible, self.isolines)
         total: FloatArray = parts.sum(axis=1)
         return total
@@ -105,7 +103,7 @@ class Visibility:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to a .npz file, whole or not at all."""
         target = check_output(path, (".npz",))
-        arrays = {
+        arrays: dict[str, Any] = {
             "schema": np.int64(_SCHEMA),
             "normals": self.normals,
             "isolines": np.int64(self.isolines),

@@ -152,6 +152,7 @@ def _bench_scene(scene: Scene, options: dict[str, Any], progress: StageProgress 
             progress(f"{name}: {stage}", done, total)
 
     report("building", 0, 1)
+    SilhouetteIntegrator(Scene(np.eye(3), [[0, 1, 2]]))  # compiles
     # Float32 numbers in double precision: the vertices that both sides can have.
     vertices = scene.vertices.astype(np.float32).astype(np.float64)
     rng = np.random.default_rng(options["seed"])

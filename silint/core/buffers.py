@@ -5,18 +5,31 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from silint.core.jit import INNER, KERNEL
+
 SHORT = 24  # runs that insertion sorts faster
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def grow(array, capacity):
     """A longer copy of a 1D array; what lies beyond its old end is not set."""
     grown = np.empty(capacity, array.dtype)
-    grown[: len(array)] = array
+    for i in range(len(array)):
+        grown[i] = array[i]
     return grown
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
+def grow_rows(array, capacity):
+    """A longer copy of a 2D array; rows beyond its old end are not set."""
+    grown = np.empty((capacity, array.shape[1]), array.dtype)
+    for i in range(len(array)):
+        for j in range(array.shape[1]):
+            grown[i, j] = array[i, j]
+    return grown
+
+
+@njit(**INNER)
 def _insertion_sort(key, value, lo, hi):
     for i in range(lo + 1, hi):
         k, v = key[i], value[i]
@@ -27,7 +40,7 @@ def _insertion_sort(key, value, lo, hi):
         key[j + 1], value[j + 1] = k, v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def sort_pairs(key, value, lo, hi):
     """Sort [lo, hi) of two arrays by the first: quicksort down to short runs, then insertion."""
     if hi - lo <= SHORT:

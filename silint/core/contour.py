@@ -8,21 +8,22 @@ jumps around a vertex cancel and contours close.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
+from silint.core.buffers import grow_rows
 from silint.core.edge_hierarchy import CENTRE, HALF, N_POSITION, NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF
 from silint.core.isolines import lies_between_lines
+from silint.core.jit import INNER, KERNEL
 from silint.core.partition import DONE, next_in_preorder, node_range
 from silint.core.topology import ULP
 
 # What a shade point's search counts.
-NODES, EDGES, CONTOURS, CROSSINGS, SNAPPED, FALLBACK, N_TALLY = 0, 1, 2, 3, 4, 5, 6
+NODES, EDGES, CONTOURS, CROSSINGS, SNAPPED, N_TALLY = 0, 1, 2, 3, 4, 5
 
 UNCLEAR = 1 << 20  # not a jump
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def height(vertices, v, p, n):
     """Height of a vertex above the horizon plane of (p, n). A vertex at p itself is seen along -n."""
     x, y, z = vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
@@ -31,13 +32,13 @@ def height(vertices, v, p, n):
     return n[0] * x + n[1] * y + n[2] * z
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def side_rounding(p):
     """Bound of the rounding of N.p + d for any unit N and |d| <= sqrt(3)."""
     return 8.0 * ULP * (1.0 + abs(p[0]) + abs(p[1]) + abs(p[2]))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def plane_side(planes, k, error, p, n):
     """Side of plane k on which p lies: +1 in front, -1 behind; +3 or -3 where rounding could not tell.
 
@@ -56,7 +57,7 @@ def plane_side(planes, k, error, p, n):
     return 3 if s > 0.0 else -3
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def face_side(geometry, f, p, n, rounding):
     """Side of a face on which p lies, as `plane_side`."""
     code = geometry.face_planes[f]
@@ -65,7 +66,7 @@ def face_side(geometry, f, p, n, rounding):
     return side if code >= 0 else -side
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _clear_jump(planes, codes, first, decided, p):
     """Jump across an edge with two faces; UNCLEAR where a side is not beyond `decided`."""
     i, j = codes[first], codes[first + 1]
@@ -78,9 +79,9 @@ def _clear_jump(planes, codes, first, decided, p):
     return (-1 if (s > 0.0) == (i >= 0) else 1) + (-1 if (t > 0.0) == (j >= 0) else 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def edge_jump(planes, plane_errors, codes, first, last, p, n, rounding):
-    """Jump of the depth count across an edge with the plane codes [first, last); and how many sides were snapped."""
+    """Jump across an edge with the plane codes [first, last), and the number of sides that were snapped."""
     jump = 0
     snapped = 0
     for i in range(first, last):
@@ -97,11 +98,15 @@ def edge_jump(planes, plane_errors, codes, first, last, p, n, rounding):
     return jump, snapped
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _node_misses(bounds, node, p, n, rounding):
     """True where no edge of the node can be a contour that reaches above the horizon."""
     x, y, z = p[0] - bounds[node, CENTRE], p[1] - bounds[node, CENTRE + 1], p[2] - bounds[node, CENTRE + 2]
-    top = abs(n[0]) * bounds[node, HALF] + abs(n[1]) * bounds[node, HALF + 1] + abs(n[2]) * bounds[node, HALF + 2]
+    top = (
+        abs(n[0]) * bounds[node, HALF]
+        + abs(n[1]) * bounds[node, HALF + 1]
+        + abs(n[2]) * bounds[node, HALF + 2]
+    )
     if n[0] * x + n[1] * y + n[2] * z > top + rounding:
         return True
     if bounds.shape[1] == N_POSITION:
@@ -112,7 +117,7 @@ def _node_misses(bounds, node, p, n, rounding):
     return abs(middle + bounds[node, OFFSET]) > width + rounding
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def gather_contours(geometry, tree, p, n, corner, n_lines, contours, count, tally):
     """Append the contour edges of one hierarchy that reach above the horizon of (p, n).
 
@@ -154,13 +159,11 @@ def gather_contours(geometry, tree, p, n, corner, n_lines, contours, count, tall
             tally,
         )
         if node != DONE:
-            grown = np.empty((2 * len(contours), 3), dtype=np.int32)
-            grown[:count] = contours[:count]
-            contours = grown
+            contours = grow_rows(contours, 2 * len(contours))
     return contours, count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _search(
     vertices,
     planes,
@@ -180,7 +183,10 @@ def _search(
     count,
     tally,
 ):
-    """Search in preorder from a node on; returns DONE, or the leaf at which the buffer was full, and the count."""
+    """Search in preorder from a node on.
+
+    Returns DONE, or the leaf at which the buffer was full, and the count.
+    """
     n_edges = len(ends)
     rounding = side_rounding(p)
     node_rounding = 4.0 * rounding  # bounds and test are each rounded once more than a side

@@ -3,23 +3,26 @@
 Every face hides an interval of the isoline; what no face hides is visible. No contours, no depth count, no
 start: any soup of triangles. Within an octant an isoline is the straight segment between two corners of its
 diamond, and a face hides the part where three linear functions (the planes through the shade point and the
-face's edges) have the sign that its side says. Edges are taken with their lower vertex first, so that two faces cut the
-isoline at their common edge in bit-identical places and nothing shows between them.
+face's edges) have the sign that its side says. Edges are taken with their lower vertex first, so that two
+faces cut the isoline at their common edge in bit-identical places and nothing shows between them.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
-from silint.core.buffers import grow, sort_pairs
+from silint.core.buffers import grow, grow_rows, sort_pairs
 from silint.core.contour import face_side, side_rounding
-from silint.core.isolines import isoline_u, turn
+from silint.core.isolines import horizon_reach, isoline_u, start_corner, to_loop, turn
+from silint.core.jit import INNER, PARALLEL
 from silint.core.octahedral import local
 from silint.core.partition import DONE, next_in_preorder, node_range
 
+COVER_BLOCK = 16  # isolines that share scratch memory
 
-@njit(cache=True, error_model="numpy")
+
+@njit(**INNER)
 def _corner(u, i):
     """Corner i of the diamond of u as (x, U, S): 0 the highest, then counter-clockwise."""
     r = 1.0 - abs(u)
@@ -32,7 +35,7 @@ def _corner(u, i):
     return u, 0.0, -r
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _cut(geometry, a, b, p, n, corner, c0, c1):
     """Signed distances of the two ends of a segment of the isoline from the plane through p and a-b."""
     ax, au, as_, _ = local(geometry.vertices, a, p, n, corner)
@@ -44,7 +47,7 @@ def _cut(geometry, a, b, p, n, corner, c0, c1):
     return d0, d1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _hidden_part(geometry, f, p, n, corner, c0, c1, front):
     """The part [lo, hi] of the segment from corner c0 to c1 that a face hides; lo > hi for none."""
     lo, hi = 0.0, 1.0
@@ -63,23 +66,36 @@ def _hidden_part(geometry, f, p, n, corner, c0, c1, front):
     return lo, hi
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _node_misses(boxes, node, p, n, corner, segments, slack):
     """True where a box lies below the horizon, or away from the planes of all four segments."""
     x, y, z = boxes[node, 0] - p[0], boxes[node, 1] - p[1], boxes[node, 2] - p[2]
-    if n[0] * x + n[1] * y + n[2] * z + abs(n[0]) * boxes[node, 3] + abs(n[1]) * boxes[node, 4] + abs(n[2]) * boxes[node, 5] < -slack:
+    if (
+        n[0] * x
+        + n[1] * y
+        + n[2] * z
+        + abs(n[0]) * boxes[node, 3]
+        + abs(n[1]) * boxes[node, 4]
+        + abs(n[2]) * boxes[node, 5]
+        < -slack
+    ):
         return True
     up, side = turn(y, z, corner)
-    half_up, half_side = (boxes[node, 4], boxes[node, 5]) if corner % 2 == 0 else (boxes[node, 5], boxes[node, 4])
+    half_up, half_side = (
+        (boxes[node, 4], boxes[node, 5]) if corner % 2 == 0 else (boxes[node, 5], boxes[node, 4])
+    )
     for i in range(4):
         a, b, c = segments[i, 0], segments[i, 1], segments[i, 2]
-        if abs(a * x + b * up + c * side) <= abs(a) * boxes[node, 3] + abs(b) * half_up + abs(c) * half_side + slack:
+        if (
+            abs(a * x + b * up + c * side)
+            <= abs(a) * boxes[node, 3] + abs(b) * half_up + abs(c) * half_side + slack
+        ):
             return False
     return True
 
 
-@njit(cache=True, error_model="numpy")
-def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out):
+@njit(**INNER)
+def _cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out):
     """Append the visible intervals of isoline k, in t, between its ends at the horizon.
 
     Parameters
@@ -132,9 +148,7 @@ def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out
     # What lies between them is visible.
     sort_pairs(lows, highs, 0, n_hidden)
     if n_out + n_hidden + 1 > len(out):
-        longer = np.empty((2 * len(out) + n_hidden, 2))
-        longer[:n_out] = out[:n_out]
-        out = longer
+        out = grow_rows(out, 2 * len(out) + n_hidden)
     t = -left
     for j in range(n_hidden + 1):
         end = min(lows[j], right) if j < n_hidden else right
@@ -144,3 +158,52 @@ def cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_out
         if j < n_hidden:
             t = max(t, highs[j])
     return out, n_out
+
+
+@njit(**INNER)
+def _cover_block(geometry, tree, points, normals, lines, first, last, n_lines, counts):
+    found = np.empty((64, 2))
+    n_found = 0
+    for j in range(first, last):
+        i, k = lines[j, 0], lines[j, 1]
+        p = points[i, 0], points[i, 1], points[i, 2]
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
+        corner = start_corner(n)
+        left, right = horizon_reach(n, corner, k, n_lines)
+        before = n_found
+        if left >= 0.0:
+            found, n_found = _cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, found, before)
+            to_loop(found, before, n_found, corner)
+        counts[j] = n_found - before
+    return found[:n_found].copy()
+
+
+@njit(**PARALLEL)
+def covered_intervals(geometry, tree, points, normals, lines, n_lines, counts, intervals, needed):
+    """Visible intervals of single isolines, by covering.
+
+    Parameters
+    ----------
+    geometry : Topology
+    tree : FaceHierarchy
+    points, normals : (n, 3) float64
+        As for `sweep.visible_intervals`.
+    lines : (m, 2) int64
+        Point and isoline.
+    n_lines : int
+        K.
+    counts : (m,) int64, out
+        Intervals on each.
+    intervals : (blocks, capacity, 2) float64, out
+        Loop coordinates, tightly packed within each block of COVER_BLOCK lines.
+    needed : (blocks,) int64, out
+        Intervals of each block; a block that needs more than the capacity is left unwritten.
+    """
+    m = len(lines)
+    for block in prange(len(intervals)):
+        first, last = block * COVER_BLOCK, min((block + 1) * COVER_BLOCK, m)
+        found = _cover_block(geometry, tree, points, normals, lines, first, last, n_lines, counts)
+        needed[block] = len(found)
+        if len(found) <= intervals.shape[1]:
+            for j in range(len(found)):
+                intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from silint.core.jit import INNER, KERNEL, PARALLEL
 from silint.core.partition import balanced_order, node_range
 from silint.core.topology import Topology
 
@@ -57,7 +58,7 @@ def _edge_planes(edge_faces: np.ndarray, face_planes: np.ndarray) -> np.ndarray:
     return np.where(against, ~plane, plane).astype(np.int32)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def _flat_edges(offsets, codes):
     """True where every plane occurs as often along the edge as against it."""
     flat = np.zeros(len(offsets) - 1, dtype=np.bool_)
@@ -82,7 +83,15 @@ def _build(topology: Topology, codes: np.ndarray, chosen: np.ndarray, dual: bool
     bounds = np.empty((2 ** (depth + 1) - 1, N_DUAL if dual else N_POSITION))
     for level in range(depth + 1):
         _bound_level(
-            topology.vertices, topology.planes, topology.plane_errors, ends, offsets, planes, dual, level, bounds
+            topology.vertices,
+            topology.planes,
+            topology.plane_errors,
+            ends,
+            offsets,
+            planes,
+            dual,
+            level,
+            bounds,
         )
     return EdgeHierarchy(ends, offsets, planes, bounds, depth, float(topology.plane_errors.max()))
 
@@ -96,17 +105,13 @@ def _gather(offsets: np.ndarray, values: np.ndarray, rows: np.ndarray) -> tuple[
     return new_offsets, np.ascontiguousarray(values[source])
 
 
-@njit(cache=True)
-def _dual_end(planes, code, flip, out):
-    """The plane behind a code as a dual point, negated as its direction (and `flip`) say."""
-    p = max(code, ~code)
-    sign = 1.0 if (code >= 0) != flip else -1.0
-    for i in range(4):
-        out[i] = sign * planes[p, i]
-
-
 def _keys(
-    vertices: np.ndarray, planes: np.ndarray, ends: np.ndarray, offsets: np.ndarray, codes: np.ndarray, dual: bool
+    vertices: np.ndarray,
+    planes: np.ndarray,
+    ends: np.ndarray,
+    offsets: np.ndarray,
+    codes: np.ndarray,
+    dual: bool,
 ) -> np.ndarray:
     """What to keep together: edges near each other and, where the dual test applies, alike in normal."""
     middle = vertices[ends].mean(axis=1)
@@ -120,7 +125,7 @@ def _keys(
     return np.concatenate([middle, NORMAL_WEIGHT * normal], axis=1).astype(np.float32)
 
 
-@njit(cache=True, parallel=True)
+@njit(**PARALLEL)
 def _bound_level(vertices, planes, plane_errors, ends, offsets, codes, dual, level, bounds):
     """Bound every node of one level straight from its edges: nothing is inherited, so nothing is loose.
 
@@ -128,37 +133,40 @@ def _bound_level(vertices, planes, plane_errors, ends, offsets, codes, dual, lev
     when the two values differ in sign. For an inconsistently wound pair the same rule is right as it is.
     """
     n = len(ends)
+    first_node = (1 << level) - 1
     for j in prange(1 << level):
+        node = first_node + j
         first, last = node_range(n, level, j)
-        row = bounds[(1 << level) - 1 + j]
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for e in range(first, last):
-            for k in range(2):
-                for i in range(3):
+        for i in range(3):
+            low, high = np.inf, -np.inf
+            for e in range(first, last):
+                for k in range(2):
                     x = vertices[ends[e, k], i]
-                    low[i] = min(low[i], x)
-                    high[i] = max(high[i], x)
-        for i in range(3):
-            row[CENTRE + i] = 0.5 * (low[i] + high[i]) if last > first else 0.0
-            row[HALF + i] = 0.5 * (high[i] - low[i]) if last > first else 0.0
-        if not dual:
-            continue
-        low, high = np.full(4, np.inf), np.full(4, -np.inf)
-        f = np.empty(4)
-        error = 0.0
+                    low, high = min(low, x), max(high, x)
+            bounds[node, CENTRE + i] = 0.5 * (low + high) if last > first else 0.0
+            bounds[node, HALF + i] = 0.5 * (high - low) if last > first else 0.0
+        if dual:
+            _bound_dual(planes, plane_errors, offsets, codes, first, last, bounds, node)
+
+
+@njit(**INNER)
+def _bound_dual(planes, plane_errors, offsets, codes, first, last, bounds, node):
+    for i in range(4):
+        low, high, error = np.inf, -np.inf, 0.0
         for e in range(first, last):
-            for k in range(2):
-                code = codes[offsets[e] + k]
-                _dual_end(planes, code, k == 1, f)
-                for i in range(3):
-                    f[3] += f[i] * row[CENTRE + i]
-                error = max(error, plane_errors[max(code, ~code)])
-                for i in range(4):
-                    low[i] = min(low[i], f[i])
-                    high[i] = max(high[i], f[i])
-        for i in range(3):
-            row[NORMAL + i] = 0.5 * (low[i] + high[i])
-            row[NORMAL_HALF + i] = 0.5 * (high[i] - low[i])
-        row[OFFSET] = 0.5 * (low[3] + high[3])
-        # The faces' sides are trusted only beyond their planes' errors (contour.plane_side).
-        row[OFFSET_HALF] = 0.5 * (high[3] - low[3]) + error
+            for side in range(2):
+                code = codes[offsets[e] + side]
+                k = max(code, ~code)
+                x = planes[k, i]
+                if i == 3:
+                    for axis in range(3):
+                        x += planes[k, axis] * bounds[node, CENTRE + axis]
+                if (code >= 0) != (side == 0):
+                    x = -x
+                low, high, error = min(low, x), max(high, x), max(error, plane_errors[k])
+        middle, half = (0.5 * (low + high), 0.5 * (high - low)) if last > first else (0.0, 0.0)
+        if i < 3:
+            bounds[node, NORMAL + i], bounds[node, NORMAL_HALF + i] = middle, half
+        else:
+            # The faces' sides are trusted only beyond their planes' errors (contour.plane_side).
+            bounds[node, OFFSET], bounds[node, OFFSET_HALF] = middle, half + error

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from silint.core.jit import PARALLEL
 from silint.core.partition import balanced_order, node_range
 from silint.core.topology import Topology
 
@@ -29,7 +30,7 @@ def build_face_hierarchy(topology: Topology) -> FaceHierarchy:
     return FaceHierarchy(order, boxes, depth)
 
 
-@njit(cache=True, parallel=True)
+@njit(**PARALLEL)
 def _bound_level(vertices, faces, order, level, boxes):
     n = len(order)
     for j in prange(1 << level):

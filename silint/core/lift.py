@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from silint.core.jit import INNER, PARALLEL
 from silint.core.partition import DONE, next_in_preorder, node_range
 
 # A face counts as holding n when the sine of the angle between them is below this.
 TANGENT = 2.0**-12
 
 
-@njit(cache=True, parallel=True)
+@njit(**PARALLEL)
 def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
     """Move points off the mesh.
 
@@ -42,7 +43,7 @@ def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
         out[i, 2] = p[2] + size * (lift * n[2] + nudge * t2)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _touched_front(geometry, tree, p, n, touch):
     """Unit mean of the normals of the faces that touch p and hold n; zero if there are none."""
     x, y, z = 0.0, 0.0, 0.0
@@ -77,7 +78,7 @@ def _touched_front(geometry, tree, p, n, touch):
     return x / length, y / length, z / length
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _touches(vertices, faces, f, planes, k, sign, p, touch):
     """True where p lies on the face, up to `touch`."""
     if abs(planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]) > touch:

@@ -2,8 +2,8 @@
 
 Every vertex has one line index: the number of isolines below its u. An edge is cut where it changes octant
 and at the horizon; each cut has one index too, owned by the edge. An edge crosses the isolines between the
-indices of its ends, and crosses the start curve or the horizon between two isolines, whatever rounding does to
-where exactly: so crossings of a closed contour cancel along any closed path, and counts cannot drift.
+indices of its ends, and crosses the start curve or the horizon between two isolines, whatever rounding does
+to where exactly: so crossings of a closed contour cancel along any closed path, and counts cannot drift.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numba import njit
 
 from silint.core.contour import face_side, side_rounding
 from silint.core.isolines import isoline_u, line_index, turn
+from silint.core.jit import INNER, KERNEL
 from silint.core.partition import DONE, next_in_preorder, node_range
 
 # A vertex at the shade point itself is seen along -n; its distance only has to be small.
@@ -40,7 +41,7 @@ FAILED = 7  # 1 where the counts of isoline k contradict each other
 N_ROWS = 8
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def local(vertices, v, p, n, corner):
     """Direction from p to a vertex, along x, U and S, and its height above the horizon."""
     x, y, z = vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
@@ -50,9 +51,9 @@ def local(vertices, v, p, n, corner):
     return x, up, side, n[0] * x + n[1] * y + n[2] * z
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _curve_crossing(up_a, side_a, up_b, side_b):
-    """+1 or -1 where the edge a-b crosses the start half-plane (side = 0, up >= 0), by the sign of dt; else 0.
+    """+1 or -1 where the edge a-b crosses the start half-plane (side = 0, up >= 0), by the sign of dt, else 0.
 
     The same comparison as in `cross_edge`, so that start counts and crossings never disagree.
     """
@@ -66,7 +67,7 @@ def _curve_crossing(up_a, side_a, up_b, side_b):
     return 1 if side_b >= 0.0 else -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**KERNEL)
 def pole_count(geometry, tree, p, n, corner):
     """Depth count W at the pole of the octahedron above the horizon, +x or -x [start of the start curve].
 
@@ -95,12 +96,12 @@ def pole_count(geometry, tree, p, n, corner):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _covers_pole(geometry, f, p, n, corner, pole, rounding):
     """Depth count of one face at the pole.
 
     Along the start curve from this pole to the other the face's count changes by `walk`, and at both ends it
-    is 0 or 1. So -1 means that it starts at 1, and 1 that it starts at 0; 0 means that the face covers neither.
+    is 0 or 1. So -1 means that it starts at 1, and 1 that it starts at 0; for 0 the face covers neither.
     """
     winding = 0
     for i in range(3):
@@ -121,7 +122,7 @@ def _covers_pole(geometry, f, p, n, corner, pole, rounding):
     return _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, code >= 0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, along):
     """The same for a face whose plane passes through p but for rounding.
 
@@ -169,8 +170,10 @@ def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, along):
     return 1 if (height < 0.0) == (front == along) else 0
 
 
-@njit(cache=True, error_model="numpy")
-def cross_edges(vertices, contours, n_contours, p, n, corner, reach, ledger, line, position, gain, start, count):
+@njit(**KERNEL)
+def cross_edges(
+    vertices, contours, n_contours, p, n, corner, reach, ledger, line, position, gain, start, count
+):
     """Record where contour edges cross isolines, start curve and horizon.
 
     Parameters
@@ -213,7 +216,7 @@ def cross_edges(vertices, contours, n_contours, p, n, corner, reach, ledger, lin
     return n_contours, count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _cross_edge(vertices, a, b, jump, p, n, corner, reach, ledger, line, position, gain, count):
     n_lines = reach.shape[1]
     ax, au, as_, ah = local(vertices, a, p, n, corner)
@@ -224,7 +227,9 @@ def _cross_edge(vertices, a, b, jump, p, n, corner, reach, ledger, line, positio
     u0, v0, w0, k0 = _project(ax, au, as_, n_lines)
     if same_octant and ah > 0.0 and bh > 0.0:
         u1, v1, w1, k1 = _project(bx, bu, bs, n_lines)
-        return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
+        return _cross_lines(
+            u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count
+        )
 
     # Cuts at the coordinate planes and at the horizon, in order along the edge; U before S where they tie.
     # A cut is known by the ratio of the ends' distances from its plane and lies at |b| A + |a| B: both keep
@@ -248,7 +253,25 @@ def _cross_edge(vertices, a, b, jump, p, n, corner, reach, ledger, line, positio
             u1, v1, w1, k1 = _project(hx, hu, hs, n_lines)
             if visible:
                 # Sink below the horizon.
-                count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
+                count = _cross_lines(
+                    u0,
+                    v0,
+                    w0,
+                    k0,
+                    u1,
+                    v1,
+                    w1,
+                    k1,
+                    up,
+                    right,
+                    jump,
+                    reach,
+                    ledger,
+                    line,
+                    position,
+                    gain,
+                    count,
+                )
                 if right:
                     ledger[HORIZON_RIGHT, k1] += jump
                 else:
@@ -275,7 +298,9 @@ def _cross_edge(vertices, a, b, jump, p, n, corner, reach, ledger, line, positio
             y = 0.0 if axis == 1 else weight_a * au + weight_b * bu
             z = 0.0 if axis == 2 else weight_a * as_ + weight_b * bs
             u1, v1, w1, k1 = _project(x, y, z, n_lines)
-            count = _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
+            count = _cross_lines(
+                u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count
+            )
             if axis == 2 and up:
                 ledger[START, k1] += -jump if right else jump
             u0, v0, w0, k0 = u1, v1, w1, k1
@@ -284,10 +309,12 @@ def _cross_edge(vertices, a, b, jump, p, n, corner, reach, ledger, line, positio
         elif axis == 2:
             right = not right
     u1, v1, w1, k1 = _project(bx, bu, bs, n_lines)
-    return _cross_lines(u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count)
+    return _cross_lines(
+        u0, v0, w0, k0, u1, v1, w1, k1, up, right, jump, reach, ledger, line, position, gain, count
+    )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _project(x, up, side, n_lines):
     """Octahedral coordinates (u, |U|, |S|) of a direction, and its line index."""
     l1 = abs(x) + abs(up) + abs(side)
@@ -297,9 +324,11 @@ def _project(x, up, side, n_lines):
     return u, abs(up) / l1, abs(side) / l1, line_index(u, n_lines)
 
 
-@njit(cache=True, error_model="numpy")
-def _cross_lines(u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, reach, ledger, line, position, gain, count):
-    """Crossings of a piece of an edge within one octant: straight, so t is a ratio of linear functions of u."""
+@njit(**INNER)
+def _cross_lines(
+    u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, reach, ledger, line, position, gain, count
+):
+    """Crossings of a piece of an edge within one octant, where it is straight: t is a ratio of linear terms."""
     if k0 == k1:
         return count
     n_lines = reach.shape[1]

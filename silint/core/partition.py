@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from silint.core.jit import INNER, KERNEL, PARALLEL
+
 LEAF_SIZE = 6  # items a leaf holds at most
 DONE = -1  # what follows the last node
 
@@ -22,21 +24,21 @@ def tree_depth(n_items: int) -> int:
     return depth
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def node_range(n_items, level, j):
     """First and one past the last item of the j-th node of a level."""
     return (n_items * j) >> level, (n_items * (j + 1)) >> level
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def next_in_preorder(node):
-    """The node to visit when all below this one is done with: climb from right children, step to the right."""
+    """The node to visit when all below this one is done: climb from right children, step to the right."""
     while node > 0 and node % 2 == 0:
         node = (node - 1) >> 1
     return node + 1 if node > 0 else DONE
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _select(keys, items, lo, hi, k, axis):
     """Rearrange [lo, hi) so that item k has its sorted place along axis (Hoare's quickselect)."""
     width = keys.shape[1]
@@ -63,7 +65,7 @@ def _select(keys, items, lo, hi, k, axis):
             return
 
 
-@njit(cache=True, parallel=True)
+@njit(**PARALLEL)
 def _split_level(keys, items, level):
     """Split every node of one level at the median of the axis in which its keys spread the most."""
     n, width = keys.shape

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from silint.core.jit import INNER, PARALLEL
+
 NODES_PER_QUARTER = 256
 
 # Gauss-Legendre panels no wider than this make the integral over a strip exact to rounding for functions as
@@ -45,12 +47,12 @@ def build_prefix_table(
     gauss_x, gauss_w = np.polynomial.legendre.leggauss(3)
     nodes = np.arange(4 * m + 1) / m
     inner = ((np.arange(4 * m)[:, None] + 0.5 + 0.5 * gauss_x) / m).ravel()
-    values = None
+    values = np.empty(0)
     for k in range(isolines):
         us, weights = _strip_rule(k, isolines)
         at_nodes = _integrate_across(function, us, weights, nodes)
         cells = _integrate_across(function, us, weights, inner)
-        if values is None:
+        if k == 0:
             values = np.zeros((isolines, 4 * m + 1, 2, at_nodes.shape[1]))
         values[k, :, 1] = at_nodes
         cells = np.tensordot(gauss_w / (2 * m), cells.reshape(4 * m, 3, -1), axes=(0, 1))
@@ -92,7 +94,7 @@ def loop_points(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.stack([u, r * y, r * z], axis=-1)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _add_prefix(values, m, k, v, sign, out):
     """Add sign * F[k](v), 0 <= v < 8, to out (C,)."""
     n_channels = values.shape[3]
@@ -113,7 +115,7 @@ def _add_prefix(values, m, k, v, sign, out):
         out[c] += sign * (a + f1 * (b - a) + g0 * values[k, j, 1, c] + g1 * values[k, j + 1, 1, c])
 
 
-@njit(cache=True, parallel=True)
+@njit(**PARALLEL)
 def integrate_intervals(values, m, offsets, intervals, n_lines):
     """Integrals over intervals, even and odd isolines apart.
 

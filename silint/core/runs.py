@@ -1,4 +1,4 @@
-"""Intervals that need no scene: an isoline's run above a horizon, and the clipping of intervals by a plane."""
+"""Intervals that need no scene: the runs of isolines above a horizon, and clipping intervals by a plane."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import numpy as np
 from numba import njit
 
 from silint.core.isolines import horizon_reach, start_corner
+from silint.core.jit import INNER, KERNEL
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _run(n, k, n_lines):
     """Loop coordinates of the run of isoline k above the horizon of n; start < 0 for none."""
     corner = start_corner(n)
@@ -20,7 +21,7 @@ def _run(n, k, n_lines):
     return start, start + (left + right)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def horizon_runs(normals, n_lines):
     """The unoccluded hemisphere, in the form of visible intervals: offsets (n K + 1,), intervals (m, 2)."""
     n = len(normals)
@@ -37,7 +38,7 @@ def horizon_runs(normals, n_lines):
     return offsets, intervals[:count]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _clip(t0, t1, run0, run1, out, n_out):
     """Append the overlap of two intervals on a loop of length 4; both start in [0, 4) and may run past it."""
     for turn in range(-1, 2):
@@ -49,7 +50,7 @@ def _clip(t0, t1, run0, run1, out, n_out):
     return n_out
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def clip_intervals(offsets, intervals, up, n_lines):
     """What remains of intervals above the horizon of one direction."""
     n = (len(offsets) - 1) // n_lines

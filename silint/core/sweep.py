@@ -3,8 +3,7 @@
     contour edges -> crossings -> sort each isoline -> W from its value on the start curve -> W = 0 is visible
 
 Every isoline is checked: W may not be negative over more than rounding, and its values at the two ends must
-agree with W walked along the horizon from the neighbouring isoline. One that fails is computed again by
-covering, which shares no step with the sweep but the shade point.
+agree with W walked along the horizon from the neighbouring isoline. One that fails is left to `cover`.
 """
 
 from __future__ import annotations
@@ -12,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from silint.core.buffers import grow, sort_pairs
-from silint.core.contour import CONTOURS, CROSSINGS, FALLBACK, gather_contours
-from silint.core.cover import cover_line
-from silint.core.isolines import horizon_reach, start_corner
+from silint.core.buffers import grow, grow_rows, sort_pairs
+from silint.core.contour import CONTOURS, CROSSINGS, gather_contours
+from silint.core.isolines import horizon_reach, start_corner, to_loop
+from silint.core.jit import INNER, PARALLEL
 from silint.core.octahedral import (
     CROSSED,
     DEPTH,
@@ -34,11 +33,13 @@ from silint.core.octahedral import (
 
 BLOCK = 16  # shade points that share scratch memory
 
-# An interval of negative W shorter than this (of a quarter loop) is rounding: two crossings in the wrong order.
+# Negative W over less than this (of a quarter loop) is rounding: two crossings in the wrong order.
 NEGATIVE_LENGTH = 1e-9
 
+CONTRADICTED = -1  # in place of a number of intervals
 
-@njit(cache=True, error_model="numpy")
+
+@njit(**INNER)
 def _left_depths(ledger, pole, at_pole):
     """W at the left end of every isoline: from the pole along the start curve, then down to the horizon."""
     n_lines = ledger.shape[1] - 1
@@ -53,7 +54,7 @@ def _left_depths(ledger, pole, at_pole):
         ledger[DEPTH, k] = w - ledger[LEFT_GAIN, k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _check_horizon(reach, ledger):
     """Mark isolines whose depth counts at the horizon disagree with W walked along the horizon.
 
@@ -82,7 +83,7 @@ def _check_horizon(reach, ledger):
             ledger[FAILED, k] = 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _is_partial(reach, k):
     """True where isoline k exists and crosses the horizon."""
     if k < 0 or k >= reach.shape[1] or reach[LEFT, k] < 0.0:
@@ -90,7 +91,7 @@ def _is_partial(reach, k):
     return reach[LEFT, k] < 2.0 or reach[RIGHT, k] < 2.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _sweep_line(position, gain, lo, hi, left, right, w, out, n_out):
     """Append the visible intervals of one isoline, in t, from its sorted crossings and W at its left end.
 
@@ -116,9 +117,23 @@ def _sweep_line(position, gain, lo, hi, left, right, w, out, n_out):
     return n_out, sound
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
+def _bucket(ledger, line, position, gain, n_crossings, offsets, sorted_position, sorted_gain):
+    """Counting sort of the crossings by isoline."""
+    n_lines = len(offsets) - 1
+    offsets[0] = 0
+    for k in range(n_lines):
+        offsets[k + 1] = offsets[k] + ledger[CROSSED, k]
+    for c in range(n_crossings):
+        k = line[c]
+        ledger[CROSSED, k] -= 1
+        slot = offsets[k] + ledger[CROSSED, k]
+        sorted_position[slot], sorted_gain[slot] = position[c], gain[c]
+
+
+@njit(**INNER)
 def _sweep_block(
-    geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, cover_all, counts, tally
+    geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, counts, tally
 ):
     """Visible intervals of the points [first, last), in one list; rows are loop coordinates."""
     n_lines = counts.shape[1]
@@ -136,108 +151,98 @@ def _sweep_block(
         p = points[i, 0], points[i, 1], points[i, 2]
         n = normals[i, 0], normals[i, 1], normals[i, 2]
         corner = start_corner(n)
-        for k in range(n_lines):
-            reach[LEFT, k], reach[RIGHT, k] = horizon_reach(n, corner, k, n_lines)
-        ledger[:] = 0
+        _reset(reach, ledger, n, corner)
+
+        # Find the contour edges and cross them with the isolines.
+        contours, n_contours = gather_contours(
+            geometry, contour_tree, p, n, corner, n_lines, contours, 0, tally[i]
+        )
+        contours, n_contours = gather_contours(
+            geometry, boundary_tree, p, n, corner, n_lines, contours, n_contours, tally[i]
+        )
         n_crossings = 0
-        if not cover_all:
-            # Find the contour edges and cross them with the isolines.
-            contours, n_contours = gather_contours(geometry, contour_tree, p, n, corner, n_lines, contours, 0, tally[i])
-            contours, n_contours = gather_contours(geometry, boundary_tree, p, n, corner, n_lines, contours, n_contours, tally[i])
-            c = 0
-            while c < n_contours:
-                c, n_crossings = cross_edges(
-                    geometry.vertices,
-                    contours,
-                    n_contours,
-                    p,
-                    n,
-                    corner,
-                    reach,
-                    ledger,
-                    line,
-                    position,
-                    gain,
-                    c,
-                    n_crossings,
-                )
-                if c < n_contours:
-                    capacity = 2 * len(line)
-                    line, position, gain = grow(line, capacity), grow(position, capacity), grow(gain, capacity)
-            tally[i, CONTOURS] += n_contours
-            tally[i, CROSSINGS] += n_crossings
+        c = 0
+        while c < n_contours:
+            c, n_crossings = cross_edges(
+                geometry.vertices,
+                contours,
+                n_contours,
+                p,
+                n,
+                corner,
+                reach,
+                ledger,
+                line,
+                position,
+                gain,
+                c,
+                n_crossings,
+            )
+            if c < n_contours:
+                capacity = 2 * len(line)
+                line, position, gain = grow(line, capacity), grow(position, capacity), grow(gain, capacity)
+        tally[i, CONTOURS] += n_contours
+        tally[i, CROSSINGS] += n_crossings
 
-            # Depth counts at the ends of every isoline, and whether they agree.
-            pole = 1 if n[0] >= 0.0 else -1
-            _left_depths(ledger, pole, pole_count(geometry, face_tree, p, n, corner))
-            _check_horizon(reach, ledger)
+        # Depth counts at the ends of every isoline, and whether they agree.
+        pole = 1 if n[0] >= 0.0 else -1
+        _left_depths(ledger, pole, pole_count(geometry, face_tree, p, n, corner))
+        _check_horizon(reach, ledger)
 
-            # Bring the crossings of each isoline together.
-            if len(sorted_position) < len(position):
-                sorted_position, sorted_gain = np.empty(len(position)), np.empty(len(position), np.int32)
-            _bucket(ledger[CROSSED], line, position, gain, n_crossings, offsets, sorted_position, sorted_gain)
-
-        for k in range(n_lines):
-            before = n_found
-            if reach[LEFT, k] >= 0.0:
-                if n_found + n_crossings + 1 > len(found):
-                    grown = np.empty((2 * len(found) + n_crossings, 2))
-                    grown[:n_found] = found[:n_found]
-                    found = grown
-                sound = not (cover_all or ledger[FAILED, k] != 0)
-                if sound:
-                    sort_pairs(sorted_position, sorted_gain, offsets[k], offsets[k + 1])
-                    n_found, sound = _sweep_line(
-                        sorted_position,
-                        sorted_gain,
-                        offsets[k],
-                        offsets[k + 1],
-                        reach[LEFT, k],
-                        reach[RIGHT, k],
-                        ledger[DEPTH, k],
-                        found,
-                        n_found,
-                    )
-                if not sound:
-                    tally[i, FALLBACK] += not cover_all
-                    found, n_found = cover_line(
-                        geometry,
-                        face_tree,
-                        p,
-                        n,
-                        corner,
-                        k,
-                        n_lines,
-                        reach[LEFT, k],
-                        reach[RIGHT, k],
-                        found,
-                        before,
-                    )
-            counts[i, k] = n_found - before
-            for j in range(before, n_found):
-                # From t to the loop coordinate; an interval may run past 4.
-                t0, t1 = found[j, 0], found[j, 1]
-                start = corner + t0
-                start = start + 4.0 if start < 0.0 else (start - 4.0 if start >= 4.0 else start)
-                found[j, 0], found[j, 1] = start, start + (t1 - t0)
+        # Sort the crossings of each isoline, and sweep.
+        if len(sorted_position) < len(position):
+            sorted_position, sorted_gain = np.empty(len(position)), np.empty(len(position), np.int32)
+        _bucket(ledger, line, position, gain, n_crossings, offsets, sorted_position, sorted_gain)
+        if n_found + n_crossings + n_lines > len(found):
+            found = grow_rows(found, 2 * len(found) + n_crossings + n_lines)
+        n_found = _sweep_lines(
+            sorted_position, sorted_gain, offsets, reach, ledger, corner, found, n_found, counts, i
+        )
     return found, n_found
 
 
-@njit(cache=True, error_model="numpy")
-def _bucket(crossed, line, position, gain, n_crossings, offsets, sorted_position, sorted_gain):
-    """Counting sort of the crossings by isoline."""
-    n_lines = len(offsets) - 1
-    offsets[0] = 0
+@njit(**INNER)
+def _reset(reach, ledger, n, corner):
+    n_lines = reach.shape[1]
     for k in range(n_lines):
-        offsets[k + 1] = offsets[k] + crossed[k]
-    for c in range(n_crossings):
-        k = line[c]
-        crossed[k] -= 1
-        slot = offsets[k] + crossed[k]
-        sorted_position[slot], sorted_gain[slot] = position[c], gain[c]
+        reach[LEFT, k], reach[RIGHT, k] = horizon_reach(n, corner, k, n_lines)
+    for row in range(N_ROWS):
+        for k in range(n_lines + 1):
+            ledger[row, k] = 0
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@njit(**INNER)
+def _sweep_lines(position, gain, offsets, reach, ledger, corner, found, n_found, counts, i):
+    """Append the visible intervals of all isolines of point i, and count them."""
+    for k in range(reach.shape[1]):
+        before = n_found
+        counts[i, k] = 0
+        if reach[LEFT, k] < 0.0:
+            continue
+        sound = ledger[FAILED, k] == 0
+        if sound:
+            sort_pairs(position, gain, offsets[k], offsets[k + 1])
+            n_found, sound = _sweep_line(
+                position,
+                gain,
+                offsets[k],
+                offsets[k + 1],
+                reach[LEFT, k],
+                reach[RIGHT, k],
+                ledger[DEPTH, k],
+                found,
+                n_found,
+            )
+        if not sound:
+            counts[i, k] = CONTRADICTED
+            n_found = before
+            continue
+        counts[i, k] = n_found - before
+        to_loop(found, before, n_found, corner)
+    return n_found
+
+
+@njit(**PARALLEL)
 def visible_intervals(
     geometry,
     contour_tree,
@@ -245,7 +250,6 @@ def visible_intervals(
     face_tree,
     points,
     normals,
-    cover_all,
     counts,
     intervals,
     needed,
@@ -261,10 +265,8 @@ def visible_intervals(
     face_tree : FaceHierarchy
     points, normals : (n, 3) float64
         In scaled units and already displaced; unit normals.
-    cover_all : bool
-        Cover every isoline instead of sweeping: the independent second way.
     counts : (n, K) int32, out
-        Intervals on each isoline.
+        Intervals on each isoline; CONTRADICTED, and none, where it has to be covered instead.
     intervals : (blocks, capacity, 2) float64, out
         Loop coordinates, block by block of BLOCK points, tightly packed within a block.
     needed : (blocks,) int64, out
@@ -275,8 +277,9 @@ def visible_intervals(
     for block in prange(len(intervals)):
         first, last = block * BLOCK, min((block + 1) * BLOCK, n)
         found, n_found = _sweep_block(
-            geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, cover_all, counts, tally
+            geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, counts, tally
         )
         needed[block] = n_found
         if n_found <= intervals.shape[1]:
-            intervals[block, :n_found] = found[:n_found]
+            for j in range(n_found):
+                intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]

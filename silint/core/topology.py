@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from silint.core.jit import INNER, KERNEL
+
 ULP = 2.0**-53  # half the spacing of float64 just below 1; every stored coordinate is below 1
 
 
@@ -70,9 +72,7 @@ def build_topology(vertices: np.ndarray, faces: np.ndarray) -> tuple[Topology, W
     planes = own_planes[seeds]
     plane_errors = _plane_errors(positions, welded, face_planes, planes)
 
-    topology = Topology(
-        positions, welded, face_planes, edges, edge_offsets, edge_faces, planes, plane_errors
-    )
+    topology = Topology(positions, welded, face_planes, edges, edge_offsets, edge_faces, planes, plane_errors)
     degree = np.diff(edge_offsets)
     pairs = edge_offsets[:-1][degree == 2]
     same_way = (edge_faces[pairs] < 0) == (edge_faces[pairs + 1] < 0)
@@ -158,7 +158,7 @@ def _face_planes(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, n
     return np.concatenate([normals, offsets[:, None]], axis=1), areas
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def _share_planes(vertices, faces, planes, by_area, face_edges, edge_offsets, edge_faces):
     """Grow flat regions from the largest faces; every face gets the code of its region's plane.
 
@@ -218,7 +218,7 @@ def _plane_errors(
     return errors + 4.0 * ULP
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def _count_duplicate_faces(faces, edges, edge_offsets, edge_faces):
     """Faces whose three vertices already belong to another face, in any winding."""
     count = 0
@@ -226,16 +226,20 @@ def _count_duplicate_faces(faces, edges, edge_offsets, edge_faces):
         lo, hi = edge_offsets[e], edge_offsets[e + 1]
         if hi - lo < 2:
             continue
-        third = np.empty(hi - lo, dtype=np.int32)
-        n = 0
         for j in range(lo, hi):
-            f = edge_faces[j]
-            f = f if f >= 0 else ~f
-            v = faces[f, 0] + faces[f, 1] + faces[f, 2] - edges[e, 0] - edges[e, 1]
-            if v > edges[e, 1]:  # count each face once: along the edge between its two lowest vertices
-                third[n] = v
-                n += 1
-        third[:n].sort()
-        for i in range(1, n):
-            count += third[i] == third[i - 1]
+            apex = _apex(faces, edges, edge_faces, e, j)
+            if apex < edges[e, 1]:
+                continue  # a face is counted once, along the edge between its two lowest vertices
+            for i in range(lo, j):
+                if _apex(faces, edges, edge_faces, e, i) == apex:
+                    count += 1
+                    break
     return count
+
+
+@njit(**INNER)
+def _apex(faces, edges, edge_faces, e, j):
+    """The vertex of the j-th face along edge e that is not on the edge."""
+    f = edge_faces[j]
+    f = f if f >= 0 else ~f
+    return faces[f, 0] + faces[f, 1] + faces[f, 2] - edges[e, 0] - edges[e, 1]

@@ -47,6 +47,9 @@ def shade_points(
 
     delta is 2^-36, or 64 * 2^-24 where vertices or points came as float32, of the largest coordinate at
     hand: that of the point or of any vertex.
+
+    For points that lie in no face that holds their normal; what the others see is a matter of the
+    integrator's convention, and to compare with it, take its own shade points.
     """
     scale = np.maximum(np.abs(points).max(axis=1, initial=0.0), np.abs(vertices).max())
     share = 64.0 * 2.0**-24 if float32_source else 2.0**-36

@@ -232,7 +232,9 @@ def test_the_order_of_the_file_does_not_matter() -> None:
     other, welding, _ = build_topology(vertices[moved], shuffled.astype(np.int32))
     np.testing.assert_array_equal(base.vertices, other.vertices)
     np.testing.assert_array_equal(base.edges, other.edges)
-    np.testing.assert_array_equal(np.ldexp(other.vertices, welding.exponent)[welding.vertex_map], vertices[moved])
+    np.testing.assert_array_equal(
+        np.ldexp(other.vertices, welding.exponent)[welding.vertex_map], vertices[moved]
+    )
 
 
 # ------------------------------------------------------------------------------------- any mesh at all

@@ -44,9 +44,7 @@ def sky_view_factor(
     return value * open_value, estimate * open_value
 
 
-def bent_normal(
-    normals: np.ndarray, visible: Intervals, isolines: int
-) -> tuple[np.ndarray, np.ndarray]:
+def bent_normal(normals: np.ndarray, visible: Intervals, isolines: int) -> tuple[np.ndarray, np.ndarray]:
     """(1/pi) int V max(n.w, 0) w dw: (n, 3), 2/3 n under an open sky; the estimate is that of its length."""
     runs = horizon_runs(normals, isolines)
     seen, total = (

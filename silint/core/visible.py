@@ -1,0 +1,110 @@
+"""Phase one for a batch of shade points: sweep them all, cover what the sweep could not settle."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from silint.core.contour import N_TALLY
+from silint.core.cover import COVER_BLOCK, covered_intervals
+from silint.core.edge_hierarchy import EdgeHierarchy
+from silint.core.face_hierarchy import FaceHierarchy
+from silint.core.sweep import BLOCK, CONTRADICTED, visible_intervals
+from silint.core.topology import Topology
+
+
+class Trees(NamedTuple):
+    """The hierarchies over a scene."""
+
+    contour: EdgeHierarchy  # edges with two faces
+    boundary: EdgeHierarchy  # all other edges
+    face: FaceHierarchy
+
+
+class VisibleIntervals(NamedTuple):
+    """Visible intervals on the isolines of n points."""
+
+    offsets: np.ndarray  # (n K + 1,) int64
+    intervals: np.ndarray  # (m, 2) float64 loop coordinates
+    tally: np.ndarray  # (N_TALLY,) int64: what the search counted
+    covered: int  # isolines that were covered because their depth counts contradicted each other
+
+
+def find_visible(
+    geometry: Topology, trees: Trees, points: np.ndarray, normals: np.ndarray, isolines: int, capacity: int
+) -> VisibleIntervals | int:
+    """Sweep, and cover where counts fail.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64
+        In scaled units, lifted; unit normals.
+    capacity : int
+        Intervals for which a block of BLOCK points has room.
+
+    Returns
+    -------
+    VisibleIntervals, or the capacity that is needed
+    """
+    blocks = -(-len(points) // BLOCK)
+    counts = np.zeros((len(points), isolines), np.int32)
+    buffer = np.empty((blocks, capacity, 2))
+    needed = np.zeros(blocks, np.int64)
+    tally = np.zeros((len(points), N_TALLY), np.int64)
+    visible_intervals(geometry, *trees, points, normals, counts, buffer, needed, tally)
+    if needed.max() > capacity:
+        return int(needed.max())
+    swept = _pack(buffer, needed)
+
+    per_line = counts.ravel().astype(np.int64)
+    failed = per_line == CONTRADICTED
+    if not failed.any():
+        return VisibleIntervals(_offsets(per_line), swept, tally.sum(axis=0), 0)
+    lines = np.argwhere(counts == CONTRADICTED)
+    per_line[failed], covered = cover_lines(geometry, trees.face, points, normals, lines, isolines)
+    offsets = _offsets(per_line)
+    merged = np.empty((offsets[-1], 2))
+    from_cover = np.repeat(failed, per_line)
+    merged[from_cover], merged[~from_cover] = covered, swept
+    return VisibleIntervals(offsets, merged, tally.sum(axis=0), len(lines))
+
+
+def cover_visible(
+    geometry: Topology, trees: Trees, points: np.ndarray, normals: np.ndarray, isolines: int
+) -> VisibleIntervals:
+    """The same intervals by covering alone: the second opinion."""
+    lines = np.argwhere(np.ones((len(points), isolines), dtype=bool))
+    counts, intervals = cover_lines(geometry, trees.face, points, normals, lines, isolines)
+    return VisibleIntervals(_offsets(counts), intervals, np.zeros(N_TALLY, np.int64), len(lines))
+
+
+def cover_lines(
+    geometry: Topology,
+    tree: FaceHierarchy,
+    points: np.ndarray,
+    normals: np.ndarray,
+    lines: np.ndarray,
+    isolines: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Counts and intervals of single isolines: rows (point, isoline) of `lines`."""
+    counts = np.zeros(len(lines), np.int64)
+    needed = np.zeros(-(-len(lines) // COVER_BLOCK), np.int64)
+    capacity = 4 * COVER_BLOCK
+    while True:
+        buffer = np.empty((len(needed), capacity, 2))
+        covered_intervals(geometry, tree, points, normals, lines, isolines, counts, buffer, needed)
+        if needed.max() <= capacity:
+            return counts, _pack(buffer, needed)
+        capacity = int(needed.max())
+
+
+def _pack(buffer: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """The rows of all blocks, without the gaps between them."""
+    return np.concatenate([rows[:n] for rows, n in zip(buffer, used, strict=True)])
+
+
+def _offsets(counts: np.ndarray) -> np.ndarray:
+    offsets = np.zeros(len(counts) + 1, np.int64)
+    np.cumsum(counts, out=offsets[1:])
+    return offsets
