@@ -37,6 +37,9 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print the results as JSO
 
 def main() -> None:
     """Run the command line; the entry point of the package."""
+    # OpenMP's idle threads spin by default and take the cores from whatever else runs: several times slower
+    # on a busy machine, no faster on a quiet one. It reads this when it starts, which it has not yet.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     _stop_at_ctrl_c()
     sys.exit(_run(sys.argv[1:]))
 

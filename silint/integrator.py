@@ -435,7 +435,7 @@ def at_valid_points(
     default: Any,
     **options: Any,
 ) -> Any:
-    """Run a query where there is a normal; elsewhere the value is `default`, and ``without_normal`` counts."""
+    """Run a query where there is a normal; elsewhere, counted as ``without_normal``, it is `default`."""
     full_output = options.pop("full_output", False)
     result = query(points[valid], normals[valid], full_output=True, **options)
     value = np.empty((len(points), *result.value.shape[1:]))

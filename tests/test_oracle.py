@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 import scenes
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import polyhedra
 from scenes.clutter import clutter
@@ -24,17 +24,14 @@ from silint.reference import brute_force
 Mesh = tuple[np.ndarray, np.ndarray]
 Points = tuple[np.ndarray, np.ndarray]
 
-# Both sides compute an interval's end as a ratio of differences of products, each rounded a few times
-# (1e-16) and, for edges seen from the side, magnified by the inverse of the angle under which they are seen.
-# Shorter intervals than this may be found by one side alone.
-V_ROUNDING = 1e-9
-# The tolerance; prefix tables interpolate to 1e-10.
-AO_ROUNDING = 1e-9
-
-# A point on an edge, lifted by 2^-36 in a direction that is not square to the edge, sees it from 1.5e-11:
-# coordinates that are rounded to 1e-16 leave 1e-5 of the direction in which the edge runs, and more the
-# shorter the edge. The part of the view that such edges bound differently is as narrow.
-ILL_CONDITIONED = {"edge, any normal": 1e-6, "vertex, any normal": 1e-6}
+# Tolerances on the ends of intervals, in the loop coordinate, and on ambient occlusion. An end is a ratio of
+# differences of products, each rounded a few times (1e-16), which edges seen nearly end on magnify; and
+# intervals shorter than the first tolerance may be found by one side alone. The second is the issue's.
+ROUNDING = (1e-9, 1e-9)
+# A point on an edge, lifted by 2^-36 in a direction that is not square to the edge, sees it from 1.5e-11 or
+# less, and coordinates rounded to 1e-16 leave 1e-5 or more of the direction in which it runs. What such edges
+# add to and take from the view is a part of that, on few lines.
+ILL_CONDITIONED = dict.fromkeys(("edge, any normal", "vertex, any normal"), (1e-4, 1e-6))
 
 
 # ---------------------------------------------------------------------------------------------- points
@@ -118,7 +115,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
     topology = integrator.scene.topology
     soup = topology.vertices, topology.faces
     p, n = integrator._shade_points(*points)
-    magnified = ILL_CONDITIONED.get(kind, AO_ROUNDING) / AO_ROUNDING
+    v_rounding, ao_rounding = ILL_CONDITIONED.get(kind, ROUNDING)
     for k in lines:
         oracle = brute_force.visible_intervals(*soup, p, n, k)
         # The strips reach below the horizon, where n.w < 0, so a ratio of sums can leave [0, 1]. A single
@@ -132,7 +129,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
             )
             ends = 2 + 2 * (np.diff(oracle.offsets) + np.diff(found.offsets))
             decided = np.ones(len(p), bool)
-            for line in np.flatnonzero(difference > magnified * V_ROUNDING * ends):
+            for line in np.flatnonzero(difference > v_rounding * ends):
                 i = line // k
                 assert runs_along_an_edge(p[i], topology.vertices[topology.edges], line % k, k), (
                     f"{where}: point {i} {points[0][i].tolist()}, normal {points[1][i].tolist()}, line {line % k}"
@@ -140,11 +137,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
                 decided[i] = False
             if ao is not None:
                 np.testing.assert_allclose(
-                    found.ambient_occlusion()[decided],
-                    ao[decided],
-                    rtol=0,
-                    atol=magnified * AO_ROUNDING,
-                    err_msg=where,
+                    found.ambient_occlusion()[decided], ao[decided], rtol=0, atol=ao_rounding, err_msg=where
                 )
 
 
@@ -277,6 +270,8 @@ def small_scenes(draw: st.DrawFn) -> tuple[Mesh, Points]:
     vertices = np.array(draw(st.lists(st.tuples(grid, grid, grid), min_size=n, max_size=n)), np.float64)
     index = st.integers(0, n - 1)
     faces = np.array(draw(st.lists(st.tuples(index, index, index), min_size=1, max_size=12)), np.int32)
+    corners = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    assume((corners != np.roll(corners, 1, axis=1)).all(axis=1).any())  # a scene without a triangle: below
     half = st.integers(-7, 7)
     points = np.array(draw(st.lists(st.tuples(half, half, half), min_size=3, max_size=3)), np.float64) / 2
     normal = st.tuples(grid, grid, grid).filter(any)
@@ -304,3 +299,9 @@ def test_two_ways_agree_on_any_scene(scene: tuple[Mesh, Points]) -> None:
 @given(small_scenes())
 def test_two_ways_agree_on_very_many_scenes(scene: tuple[Mesh, Points]) -> None:
     check_sweep_against_cover(*scene)
+
+
+@pytest.mark.xfail(raises=ValueError, reason="the integrator does not build when no face has three corners")
+def test_a_scene_of_nothing_but_degenerate_faces_is_open() -> None:
+    integrator = SilhouetteIntegrator(Scene([(0, 0, 0), (1, 0, 0), (1, 0, 0)], [(0, 0, 1), (0, 1, 2)]))
+    assert integrator.ambient_occlusion([(0, 0, 0)], [(0, 0, 1)]).tolist() == [1.0]

@@ -53,7 +53,7 @@ def local(vertices, v, p, n, corner):
 
 @njit(**INNER)
 def _curve_crossing(up_a, side_a, up_b, side_b):
-    """+1 or -1 where the edge a-b crosses the start half-plane (side = 0, up >= 0), by the sign of dt, else 0.
+    """+1 or -1 where the edge a-b crosses the start half-plane (side = 0, up >= 0), by the sign of dt.
 
     The same comparison as in `cross_edge`, so that start counts and crossings never disagree.
     """
@@ -328,7 +328,7 @@ def _project(x, up, side, n_lines):
 def _cross_lines(
     u0, up0, side0, k0, u1, up1, side1, k1, up, right, jump, reach, ledger, line, position, gain, count
 ):
-    """Crossings of a piece of an edge within one octant, where it is straight: t is a ratio of linear terms."""
+    """Crossings of a piece of an edge within one octant, where it is straight."""
     if k0 == k1:
         return count
     n_lines = reach.shape[1]
