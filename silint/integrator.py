@@ -359,7 +359,7 @@ class SilhouetteIntegrator:
         self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None, cover_all: bool = False
     ) -> Iterator[tuple[Visibility, slice]]:
         """Visible intervals of consecutive runs of points, each found in about _CHUNK_SECONDS."""
-        size, capacity, done = 4 * BLOCK, 4 * BLOCK * isolines, 0
+        size, capacity, done = 2 * BLOCK, 4 * BLOCK * isolines, 0
         while done < len(p):
             rows = slice(done, min(done + size, len(p)))
             began = time.perf_counter()

@@ -1,0 +1,384 @@
+"""The integrator's interface: what it takes, refuses, reports and plans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scenes
+import trimesh
+from scenes import polyhedra
+from scenes.mesh import concatenate, moved
+
+import silint
+from silint import InputError, Result, Scene, SilhouetteIntegrator
+from silint.core.integrands import fractions, moments
+
+QUERIES = ("ambient_occlusion", "sky_view_factor", "bent_normals")
+K = 8
+
+
+def ball_and_sheet() -> tuple[np.ndarray, np.ndarray]:
+    return concatenate([moved(polyhedra.icosahedron(), (0.3, 0.2, 2.0)), moved(polyhedra.fin(3), (-1.0, 0.5, 0.5))])
+
+
+@pytest.fixture(scope="module")
+def integrator() -> SilhouetteIntegrator:
+    return SilhouetteIntegrator(Scene(*ball_and_sheet()))
+
+
+@pytest.fixture(scope="module")
+def shade() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return rng.uniform(-1, 1, (20, 3)), rng.normal(size=(20, 3)) + [0.0, 0.0, 1.0]
+
+
+def refusal(function: Callable[..., Any], *arguments: Any, **options: Any) -> str:
+    """The message of the InputError that a call must raise; always a single line."""
+    with pytest.raises(InputError) as caught:
+        function(*arguments, **options)
+    message = str(caught.value)
+    assert message and "\n" not in message
+    return message
+
+
+# ---------------------------------------------------------------------------------------------- inputs
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_any_layout_of_points_will_do(integrator: SilhouetteIntegrator, shade: tuple, query: str) -> None:
+    points, normals = shade
+    ask = getattr(integrator, query)
+    expected = ask(points, normals, isolines=K)
+    frozen_points, frozen_normals = points.copy(), normals.copy()
+    frozen_points.setflags(write=False)
+    frozen_normals.setflags(write=False)
+    wide = np.zeros((40, 6))
+    wide[::2, ::2] = points
+    for p, n in (
+        (points.tolist(), normals.tolist()),
+        (tuple(map(tuple, points)), normals),
+        (frozen_points, frozen_normals),
+        (wide[::2, ::2], np.asfortranarray(normals)),
+        (points.astype(">f8"), normals[::-1].copy()[::-1]),
+        (points.astype(np.longdouble), normals),
+        (points, 7.0 * normals),  # lengths of normals mean nothing; 7 times is rounded
+    ):
+        np.testing.assert_allclose(ask(p, n, isolines=K), expected, rtol=0, atol=1e-13)
+    # What was handed in is as it was.
+    np.testing.assert_array_equal(points, frozen_points)
+    np.testing.assert_array_equal(normals, frozen_normals)
+
+
+def test_float32_points_are_lifted_further(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+    points, normals = shade
+    rounded = points.astype(np.float32)
+    ask = integrator.ambient_occlusion
+    # 2^-18 of the scene, which moves an outline seen from its own size away by 4e-6 of the view.
+    np.testing.assert_allclose(
+        ask(rounded, normals, K), ask(rounded.astype(np.float64), normals, K), rtol=0, atol=1e-4
+    )
+    # On a face that came as float32 a point may lie behind it by 1e-7: it must not see the inside.
+    vertices, faces = polyhedra.icosphere(2)
+    for v, p in ((np.float32, np.float64), (np.float64, np.float32), (np.float32, np.float32)):
+        scene = Scene(vertices.astype(v), faces)
+        centers, face_normals, _ = scene.face_centers_normals()
+        value = SilhouetteIntegrator(scene).ambient_occlusion(centers.astype(p), face_normals, K)
+        np.testing.assert_array_equal(value, 1.0)
+
+
+def test_integers_are_points_as_good_as_any(integrator: SilhouetteIntegrator) -> None:
+    ask = integrator.ambient_occlusion
+    np.testing.assert_array_equal(ask([[0, 0, 0]], [[0, 0, 1]]), ask([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_no_points_no_values(integrator: SilhouetteIntegrator, query: str) -> None:
+    ask = getattr(integrator, query)
+    shape = (0, 3) if query == "bent_normals" else (0,)
+    for empty in ([], np.zeros((0, 3)), np.zeros((0, 3), np.float32)):
+        assert ask(empty, empty).shape == shape
+    result = ask([], [], full_output=True)
+    assert result.diagnostics["points"] == 0 and len(result.error_estimate) == 0
+    assert ask([], [], progress=lambda *_: pytest.fail("nothing to report")).shape == shape
+
+
+@pytest.mark.parametrize("query", [*QUERIES, "visibility"])
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"points": [1.0, 2.0, 3.0]}, r"points has shape (3,); expected (n, 3): write [[x, y, z]]"),
+        ({"points": [[1.0, 2.0]]}, "points has shape (1, 2); expected (n, 3)"),
+        ({"points": [[np.nan, 0, 0]]}, "points must be finite; NaN or infinity in row 0"),
+        ({"points": [["a", "b", "c"]]}, "points has dtype <U1"),
+        ({"points": [[1e300, 0, 0]]}, "points row 0 lies more than 1e100 scene extents away"),
+        ({"normals": [[0, 0, 0]]}, "normals must not be zero; row 0"),
+        ({"normals": [[0, np.inf, 1]]}, "normals must be finite"),
+        ({"normals": [[0, 0, 1]] * 2}, "normals has 2 rows, but there are 1 points"),
+        ({"isolines": 0}, "isolines is 0; expected an integer, 1 to"),
+        ({"isolines": 64.0}, "isolines is 64.0; expected an integer"),
+        ({"isolines": True}, "isolines is True; expected an integer"),
+        ({"isolines": 10**9}, "isolines is 1000000000; expected an integer, 1 to"),
+        ({"method": "magic"}, "method is 'magic'; expected one of 'auto', 'octahedral'"),
+        ({"method": None}, "method is None; expected one of"),
+    ],
+)
+def test_what_cannot_be_asked(integrator: SilhouetteIntegrator, query: str, options: dict, told: str) -> None:
+    request = {"points": [[0.0, 0.0, 0.0]], "normals": [[0.0, 0.0, 1.0]]} | options
+    assert told in refusal(getattr(integrator, query), **request)
+
+
+def test_options_of_single_queries(integrator: SilhouetteIntegrator) -> None:
+    one = [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]
+    assert "weighting is 'flat'; expected one of 'cosine', 'uniform'" == refusal(
+        integrator.ambient_occlusion, *one, weighting="flat"
+    )
+    assert "up is" in refusal(integrator.sky_view_factor, *one, up=(0, 0, 0))
+    assert "up has shape (2,)" in refusal(integrator.sky_view_factor, *one, up=(0, 1))
+    assert "request is 'everything'" in refusal(integrator.explain, "everything")
+    assert "weighting is 'flat'" in refusal(integrator.explain, "ambient_occlusion", weighting="flat")
+    assert "isolines is 0" in refusal(integrator.explain, "ambient_occlusion", isolines=0)
+
+
+def test_scenes_come_as_scenes_paths_and_trimesh_objects(tmp_path: Path) -> None:
+    vertices, faces = ball_and_sheet()
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    path = tmp_path / "mesh.ply"
+    mesh.export(path)
+    graph = trimesh.Scene()
+    graph.add_geometry(mesh, transform=trimesh.transformations.translation_matrix([0, 0, 1]))
+    one = [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]
+    expected = SilhouetteIntegrator(Scene(vertices, faces)).ambient_occlusion(*one)
+    # A PLY holds float32: vertices move by 1e-7, and points are lifted by 4e-6.
+    for source, atol in ((mesh, 0.0), (path, 1e-4), (str(path), 1e-4)):
+        np.testing.assert_allclose(SilhouetteIntegrator(source).ambient_occlusion(*one), expected, rtol=0, atol=atol)
+        np.testing.assert_allclose(silint.ambient_occlusion(source, *one), expected, rtol=0, atol=atol)
+    lifted = SilhouetteIntegrator(graph).ambient_occlusion([[0.0, 0.0, 1.0]], one[1])
+    np.testing.assert_allclose(lifted, expected, rtol=0, atol=1e-9)
+    assert "scene is a int" in refusal(SilhouetteIntegrator, 3)
+    assert "nowhere.ply" in refusal(SilhouetteIntegrator, tmp_path / "nowhere.ply")
+
+
+# -------------------------------------------------------------------------------------------- one-shot
+
+
+def test_by_default_every_vertex_of_the_file_in_order() -> None:
+    vertices, faces = ball_and_sheet()
+    vertices = np.concatenate([vertices, [[9.0, 9.0, 9.0], [8.0, 8.0, 8.0]]])  # in no face
+    scene = Scene(vertices, faces)
+    result = silint.ambient_occlusion(scene, isolines=K, full_output=True)
+    assert result.value.shape == result.error_estimate.shape == (len(vertices),)
+    # Points without a normal count as open, and are counted.
+    assert result.diagnostics["without_normal"] == 2
+    assert result.value[-2:].tolist() == [1.0, 1.0]
+    assert result.diagnostics["points"] == len(vertices) - 2
+    normals, valid = scene.vertex_normals()
+    expected = SilhouetteIntegrator(scene).ambient_occlusion(vertices[valid], normals[valid], K)
+    np.testing.assert_array_equal(result.value[valid], expected)
+    np.testing.assert_array_equal(silint.ambient_occlusion(scene, isolines=K), result.value)
+    assert 0.0 < result.value.min() < 0.9
+
+
+def test_one_shot_options_are_the_integrators(shade: tuple) -> None:
+    scene = Scene(*ball_and_sheet())
+    points, normals = shade
+    found = silint.ambient_occlusion(scene, points, normals, isolines=K, weighting="uniform")
+    expected = SilhouetteIntegrator(scene).ambient_occlusion(points, normals, K, "uniform")
+    np.testing.assert_array_equal(found, expected)
+    assert "normals is None" in refusal(silint.ambient_occlusion, scene, points)
+    assert "normals given without points" in refusal(silint.ambient_occlusion, scene, normals=normals)
+    assert "isolines is -1" in refusal(silint.ambient_occlusion, scene, isolines=-1)
+
+
+# ----------------------------------------------------------------------------------------- full output
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_full_output(integrator: SilhouetteIntegrator, shade: tuple, query: str) -> None:
+    ask = getattr(integrator, query)
+    plain = ask(*shade, isolines=K)
+    result = ask(*shade, isolines=K, full_output=True)
+    assert isinstance(result, Result)
+    np.testing.assert_array_equal(result.value, plain)
+    assert result.error_estimate.shape == (20,)
+    assert ((result.error_estimate >= 0) & (result.error_estimate <= 1)).all()
+    assert set(result.diagnostics) == {
+        "points",
+        "isolines",
+        "buried",
+        "fallback_isolines",
+        "snapped_sides",
+        "nodes_visited",
+        "edges_tested",
+        "contour_edges",
+        "crossings",
+    }
+    told = result.diagnostics
+    assert (told["points"], told["isolines"], told["fallback_isolines"]) == (20, K, 0)
+    assert 0 < told["contour_edges"] <= told["edges_tested"]
+    assert told["nodes_visited"] > 0 and told["crossings"] > 0
+
+
+def test_diagnostics_count_what_happened() -> None:
+    box = SilhouetteIntegrator(Scene(*polyhedra.box()))
+    inside, outside = [0.1, 0.2, 0.3], [3.0, 0.2, 0.3]
+    result = box.ambient_occlusion([inside, outside, inside], [[-1, 0, 0]] * 3, K, full_output=True)
+    assert result.diagnostics["buried"] == 2
+    assert result.value[0] == result.value[2] == 0.0 < result.value[1]
+    assert result.diagnostics["snapped_sides"] == 0
+    # In the plane of the top, which is a contour's face: a rule decides its side.
+    result = box.ambient_occlusion([[3.0, 0.2, 1.0]], [[-1, 0, 0]], K, full_output=True)
+    assert result.diagnostics["snapped_sides"] > 0
+
+
+def test_the_error_estimate_bounds_the_error() -> None:
+    """Half the difference of even and odd isolines: larger than the error of both together, nearly always."""
+    integrator = SilhouetteIntegrator(Scene(*moved(polyhedra.icosphere(2), (0.3, 0.2, 1.5))))
+    rng = np.random.default_rng(1)
+    points, normals = rng.uniform(-0.8, 0.8, (200, 3)) * [1, 1, 0.3], rng.normal(size=(200, 3)) * 0.5 + [0, 0, 1]
+    fine = integrator.ambient_occlusion(points, normals, 1024)
+    for k in (16, 64):
+        result = integrator.ambient_occlusion(points, normals, k, full_output=True)
+        error = np.abs(result.value - fine)
+        assert (error <= result.error_estimate).mean() > 0.9
+        assert np.sqrt((error**2).mean()) < np.sqrt((result.error_estimate**2).mean()) < 0.2
+
+
+def test_progress_is_reported(integrator: SilhouetteIntegrator) -> None:
+    points, normals = np.zeros((300, 3)), np.tile([0.0, 0.0, 1.0], (300, 1))
+    seen: list[tuple[int, int]] = []
+    integrator.ambient_occlusion(points, normals, K, progress=lambda done, total: seen.append((done, total)))
+    assert {total for _, total in seen} == {300}
+    done = [d for d, _ in seen]
+    assert done == sorted(done) and done[-1] == 300 and len(done) > 1
+
+
+def test_a_progress_callback_may_stop_the_work(integrator: SilhouetteIntegrator) -> None:
+    class StopError(Exception):
+        pass
+
+    def stop(done: int, total: int) -> None:
+        raise StopError
+
+    points, normals = np.zeros((300, 3)), np.tile([0.0, 0.0, 1.0], (300, 1))
+    with pytest.raises(StopError):
+        integrator.ambient_occlusion(points, normals, K, progress=stop)
+    # No lock is left behind.
+    assert integrator.ambient_occlusion(points[:1], normals[:1], K).shape == (1,)
+
+
+def test_one_integrator_serves_many_threads(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+    points, normals = (np.tile(a, (20, 1)) for a in shade)
+    jobs = [(query, k) for query in QUERIES for k in (5, 8)] * 2
+
+    def ask(job: tuple[str, int]) -> np.ndarray:
+        return getattr(integrator, job[0])(points, normals, isolines=job[1])
+
+    expected = {job: ask(job) for job in set(jobs)}
+    with ThreadPoolExecutor(2) as pool:
+        for job, found in zip(jobs, pool.map(ask, jobs), strict=True):
+            np.testing.assert_array_equal(found, expected[job])
+
+
+# -------------------------------------------------------------------------------------- plan and memory
+
+
+def test_the_plan_of_a_closed_mesh_leaves_the_boundary_hierarchy_out() -> None:
+    plan = SilhouetteIntegrator(Scene(*polyhedra.icosphere(1))).plan
+    parts = plan.as_dict()
+    assert not parts["boundary hierarchy"]["built"]
+    assert parts["boundary hierarchy"]["reason"] == "closed mesh: every edge has two faces"
+    assert parts["boundary hierarchy"]["bytes"] == 0
+    assert parts["contour hierarchy"]["built"] and "120 edges" in parts["contour hierarchy"]["reason"]
+    text = str(plan)
+    assert text.startswith("scene: 80 triangles")
+    assert all(name in text and part["reason"] in text for name, part in parts.items())
+
+
+def test_the_plan_of_an_open_mesh_says_what_is_needed(integrator: SilhouetteIntegrator) -> None:
+    parts = integrator.plan.as_dict()
+    assert parts["boundary hierarchy"]["built"] and "7 edges" in parts["boundary hierarchy"]["reason"]
+    sheet = SilhouetteIntegrator(Scene(*polyhedra.triangle())).plan.as_dict()
+    assert not sheet["contour hierarchy"]["built"]
+    assert sheet["contour hierarchy"]["reason"] == "no edge has two faces"
+
+
+def test_the_plans_bytes_are_those_of_the_arrays(integrator: SilhouetteIntegrator) -> None:
+    parts = integrator.plan.as_dict()
+    assert {name: part["bytes"] for name, part in parts.items() if part["bytes"]} == integrator.memory
+    topology = integrator.scene.topology
+    assert integrator.memory["topology"] == sum(array.nbytes for array in topology)
+    assert integrator.plan.n_bytes == sum(integrator.memory.values())
+
+
+REQUESTS = [
+    ("ambient_occlusion", "cosine", {1}),
+    ("ambient_occlusion", "uniform", {0}),
+    ("sky_view_factor", "cosine", {1}),
+    ("bent_normals", "cosine", {1, 2}),
+    ("visibility", "cosine", set()),
+]
+
+
+@pytest.mark.parametrize(("request_name", "weighting", "orders"), REQUESTS)
+def test_a_request_builds_the_tables_that_it_explains(
+    integrator: SilhouetteIntegrator,
+    monkeypatch: pytest.MonkeyPatch,
+    request_name: str,
+    weighting: str,
+    orders: set[int],
+) -> None:
+    names = {0: "solid angle table", 1: "first moment table", 2: "second moment table"}
+    built: set[int] = set()
+
+    def counted(order: int, isolines: int) -> object:
+        assert isolines == K
+        built.add(order)
+        return moments.moment_table(order, isolines)
+
+    monkeypatch.setattr(fractions, "moment_table", counted)
+    plan = integrator.explain(request_name, isolines=K, weighting=weighting)
+    parts = plan.as_dict()
+    explained = {order for order, name in names.items() if parts[name]["built"]}
+    options = {"weighting": weighting} if request_name == "ambient_occlusion" else {}
+    getattr(integrator, request_name)([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], isolines=K, **options)
+    assert built == explained == orders
+    for order, name in names.items():
+        size = moments.moment_table(order, K).values.nbytes if order in orders else 0
+        assert parts[name]["bytes"] == size
+        if order not in orders:
+            assert parts[name]["reason"] == f"{request_name} does not need it"
+    assert parts["second horizon"]["built"] == (request_name == "sky_view_factor")
+    assert parts["boundary search"]["built"] and parts["sweep"]["built"] and not parts["cover"]["built"]
+    assert str(plan).startswith(f"{request_name}, {K} octahedral isolines")
+
+
+def test_explain_knows_closed_meshes() -> None:
+    parts = SilhouetteIntegrator(Scene(*polyhedra.box())).explain("ambient_occlusion").as_dict()
+    assert not parts["boundary search"]["built"]
+    assert parts["boundary search"]["reason"] == "closed mesh: no boundary edges"
+
+
+@pytest.mark.parametrize("name", ["clutter_31k", "foliage"])
+def test_hierarchies_and_topology_stay_below_300_bytes_a_triangle(name: str) -> None:
+    integrator = SilhouetteIntegrator(Scene(*scenes.build(name)))
+    per_triangle = integrator.plan.n_bytes / integrator.scene.n_faces
+    assert 100 < per_triangle <= 300
+
+
+@pytest.mark.slow
+def test_the_search_tests_less_than_40_percent_of_the_edges() -> None:
+    vertices, faces = scenes.build("clutter_31k")
+    integrator = SilhouetteIntegrator(Scene(vertices, faces))
+    p, n = scenes.shade_points(vertices, faces, 256, seed=1)
+    told = integrator.ambient_occlusion(p, n, 64, full_output=True).diagnostics
+    assert told["edges_tested"] < 0.4 * 256 * len(integrator.scene.topology.edges)
+    assert told["fallback_isolines"] == 0
+
+
+def test_an_integrator_names_its_scene(integrator: SilhouetteIntegrator) -> None:
+    assert repr(integrator) == "<silint.SilhouetteIntegrator of <silint.Scene: 23 triangles, 17 vertices>>"
