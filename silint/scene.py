@@ -54,7 +54,12 @@ class Scene:
         self.faces: npt.NDArray[np.int32] = _frozen(f)
         self.normals: FloatArray | None = None
         if normals is not None:
-            own = np.asarray(normals, dtype=np.float64)
+            try:
+                own = np.asarray(normals, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InputError(
+                    "normals is not an array of numbers; expected (V, 3), one a vertex"
+                ) from None
             if own.shape != self.vertices.shape:
                 raise InputError(
                     f"normals has shape {own.shape}; expected {self.vertices.shape}, one a vertex"

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +28,8 @@ class Result(NamedTuple):
     value: FloatArray
     """What the plain call returns."""
     error_estimate: FloatArray
-    """(n,) half the difference between the values of the even and of the odd isolines: pessimistic, since
-    the value uses both."""
+    """(n,) the difference between the values of the even and of the odd isolines: pessimistic, since the
+    value uses both."""
     diagnostics: Mapping[str, int]
     """Counts over all points; see `SilhouetteIntegrator`."""
 
@@ -119,7 +120,7 @@ class Visibility:
     def load(cls, path: str | os.PathLike[str]) -> Visibility:
         """Read what `save` wrote."""
         try:
-            with np.load(path) as data:
+            with open(path, "rb") as file, np.load(file) as data:
                 if int(data["schema"]) != _SCHEMA:
                     raise InputError(f"{path}: schema {int(data['schema'])}; this silint reads {_SCHEMA}")
                 return cls(
@@ -129,7 +130,7 @@ class Visibility:
                     data["intervals"],
                     str(data["method"]),
                 )
-        except (OSError, KeyError, ValueError, EOFError) as error:
+        except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{path}: not a visibility file of silint") from None

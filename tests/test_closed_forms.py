@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import polyhedra
-from scenes.mesh import concatenate, moved
 
 import silint
+from scenes import polyhedra
+from scenes.mesh import concatenate, moved
 from silint import Scene, SilhouetteIntegrator
 from silint.reference.analytic_scenes import AnalyticScene, analytic_scenes
 
@@ -48,14 +48,19 @@ def test_errors_fall_with_isolines(placement: str) -> None:
     integrators = [SilhouetteIntegrator(Scene(s.vertices, s.faces)) for s in chosen]
     rms = []
     for k in LINES:
-        found = [i.ambient_occlusion(s.points, s.normals, k) - s.cosine for i, s in zip(integrators, chosen, strict=True)]
+        found = [
+            i.ambient_occlusion(s.points, s.normals, k) - s.cosine
+            for i, s in zip(integrators, chosen, strict=True)
+        ]
         rms.append(np.sqrt((np.concatenate(found) ** 2).mean()))
     # From end to end: 64 times the isolines, at most 1 / 64 of the error.
     assert rms[-1] < rms[0] / 64
     # And on the way: each doubling helps, if not always by half.
     assert (np.diff(np.log2(rms)) < -0.5).all()
     slope = np.polyfit(np.log2(LINES), np.log2(rms), 1)[0]
-    print(f"{placement}: rms {rms[0]:.1e} at {LINES[0]} isolines to {rms[-1]:.1e} at {LINES[-1]}, slope {slope:.2f}")
+    print(
+        f"{placement}: rms {rms[0]:.1e} at {LINES[0]} isolines to {rms[-1]:.1e} at {LINES[-1]}, slope {slope:.2f}"
+    )
     assert slope < -1.0
 
 
@@ -85,13 +90,22 @@ def test_an_open_sky_above_a_convex_solid_is_exactly_one() -> None:
         # A solid that is convex hides nothing of its vertices' sky either.
         vertex_normals, _ = scene.vertex_normals()
         value = integrator.ambient_occlusion(scene.vertices, vertex_normals, 16)
-        below = np.array([((scene.vertices - p) @ n <= 1e-12).all() for p, n in zip(scene.vertices, vertex_normals, strict=True)])
+        below = np.array(
+            [
+                ((scene.vertices - p) @ n <= 1e-12).all()
+                for p, n in zip(scene.vertices, vertex_normals, strict=True)
+            ]
+        )
         assert (value[below] == 1.0).all() and below.sum() > len(below) / 2
 
 
 @pytest.mark.parametrize("isolines", [1, 2, 9, 32])
 def test_a_closed_room_is_exactly_closed(isolines: int) -> None:
-    for mesh in (polyhedra.closed_room(), polyhedra.icosphere(2), polyhedra.torus(major_slices=8, minor_slices=8)):
+    for mesh in (
+        polyhedra.closed_room(),
+        polyhedra.icosphere(2),
+        polyhedra.torus(major_slices=8, minor_slices=8),
+    ):
         integrator = SilhouetteIntegrator(Scene(*mesh))
         rng = np.random.default_rng(1)
         inside = rng.uniform(-0.2, 0.2, (30, 3)) + [0.0 if mesh[0].max() > 1.2 else 0.1, 0.0, 0.5]
@@ -107,7 +121,9 @@ def test_a_closed_room_is_exactly_closed(isolines: int) -> None:
 def test_the_open_sky_of_every_integrand(isolines: int) -> None:
     integrator = SilhouetteIntegrator(Scene(*BELOW))
     normals = np.concatenate([units(30, 2), np.eye(3), -np.eye(3)])
-    points = np.tile([0.0, 0.0, 1e9], (36, 1))  # the scene is a speck, smaller than the space between lines ...
+    points = np.tile(
+        [0.0, 0.0, 1e9], (36, 1)
+    )  # the scene is a speck, smaller than the space between lines ...
     points[normals[:, 2] < 0, 2] *= -1.0  # ... and below the horizon
     points = np.where(np.abs(normals[:, 2:]) < 1e-3, normals * 1e9, points)
     bent = integrator.bent_normals(points, normals, isolines)
@@ -180,7 +196,9 @@ def test_visibility_gives_what_the_integrator_gives() -> None:
     integrator = SilhouetteIntegrator(Scene(*moved(polyhedra.icosphere(1), (0.0, 0.0, 2.0))))
     points, normals = np.zeros((5, 3)), units(5, 8) + [0.0, 0.0, 1.0]
     visible = integrator.visibility(points, normals, 32)
-    np.testing.assert_array_equal(visible.ambient_occlusion(), integrator.ambient_occlusion(points, normals, 32))
+    np.testing.assert_array_equal(
+        visible.ambient_occlusion(), integrator.ambient_occlusion(points, normals, 32)
+    )
     np.testing.assert_array_equal(
         visible.ambient_occlusion("uniform"), integrator.ambient_occlusion(points, normals, 32, "uniform")
     )
@@ -191,7 +209,9 @@ def test_visibility_gives_what_the_integrator_gives() -> None:
     )
     # The uniform fraction is the integral of 1 over the same intervals, in 2 pi.
     solid_angle = visible.integrate(silint.prefix_table(lambda w: np.ones(len(w)), 32))[:, 0]
-    np.testing.assert_allclose(solid_angle / (2 * np.pi), visible.ambient_occlusion("uniform"), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        solid_angle / (2 * np.pi), visible.ambient_occlusion("uniform"), rtol=0, atol=1e-9
+    )
 
 
 def test_the_sky_view_factor_is_ambient_occlusion_where_up_is_the_normal() -> None:
@@ -217,7 +237,10 @@ def test_bent_normals_and_sky_view_factors_are_those_of_brute_force(isolines: in
     oracle = topology.vertices, topology.faces, p, n, isolines
     # The issue's tolerance; tables interpolate to 1e-10.
     np.testing.assert_allclose(
-        integrator.bent_normals(points, normals, isolines), brute_force.bent_normals(*oracle), rtol=0, atol=1e-9
+        integrator.bent_normals(points, normals, isolines),
+        brute_force.bent_normals(*oracle),
+        rtol=0,
+        atol=1e-9,
     )
     up = np.array([0.2, 0.9, 0.3])
     np.testing.assert_allclose(

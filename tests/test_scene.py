@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from scenes import polyhedra
-from scenes.mesh import concatenate, moved
 
 import silint
+from scenes import polyhedra
+from scenes.mesh import concatenate, moved
 from silint import InputError, Scene, SilhouetteIntegrator
 
 ROUNDING = 1e-14  # a few operations on unit vectors
@@ -109,7 +109,9 @@ def test_vertices_at_one_place_share_their_normal() -> None:
     np.testing.assert_allclose(
         split.vertex_normals()[0], whole.vertex_normals()[0][faces.ravel()], rtol=0, atol=ROUNDING
     )
-    np.testing.assert_allclose(whole.vertex_normals()[0], vertices, rtol=0, atol=0.02)  # of a sphere: outwards
+    np.testing.assert_allclose(
+        whole.vertex_normals()[0], vertices, rtol=0, atol=0.02
+    )  # of a sphere: outwards
 
 
 def test_the_files_own_normals_come_first() -> None:
@@ -142,7 +144,9 @@ def test_an_unused_vertex_where_others_meet_has_no_normal() -> None:
 
 def test_face_centers_and_normals() -> None:
     vertices = [(0, 0, 0), (3, 0, 0), (0, 3, 0), (6, 0, 0)]
-    centers, normals, valid = Scene(vertices, [(0, 1, 2), (0, 2, 1), (0, 1, 3), (0, 1, 1)]).face_centers_normals()
+    centers, normals, valid = Scene(
+        vertices, [(0, 1, 2), (0, 2, 1), (0, 1, 3), (0, 1, 1)]
+    ).face_centers_normals()
     assert valid.tolist() == [True, True, False, False]
     np.testing.assert_allclose(centers, [(1, 1, 0), (1, 1, 0), (3, 0, 0), (2, 0, 0)], rtol=0, atol=ROUNDING)
     np.testing.assert_array_equal(normals, [(0, 0, 1), (0, 0, -1), (0, 0, 1), (0, 0, 1)])
@@ -178,7 +182,9 @@ def test_what_is_no_mesh(vertices: object, faces: object, told: str) -> None:
 
 
 def test_normals_of_the_wrong_shape() -> None:
-    assert "normals has shape (1, 3); expected (8, 3)" in refusal(Scene, *polyhedra.box(), normals=[[0, 0, 1]])
+    assert "normals has shape (1, 3); expected (8, 3)" in refusal(
+        Scene, *polyhedra.box(), normals=[[0, 0, 1]]
+    )
 
 
 @pytest.mark.parametrize("normals", [[["a", "b", "c"]] * 8, [[0, 0, 1], [0, 0]], None])

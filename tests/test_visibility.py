@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import polyhedra
-from scenes.mesh import moved
 
 import silint
+from scenes import polyhedra
+from scenes.mesh import moved
 from silint import InputError, Scene, SilhouetteIntegrator, Visibility
 
 

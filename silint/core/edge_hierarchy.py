@@ -93,7 +93,7 @@ def _build(topology: Topology, codes: np.ndarray, chosen: np.ndarray, dual: bool
             level,
             bounds,
         )
-    return EdgeHierarchy(ends, offsets, planes, bounds, depth, float(topology.plane_errors.max()))
+    return EdgeHierarchy(ends, offsets, planes, bounds, depth, float(topology.plane_errors.max(initial=0.0)))
 
 
 def _gather(offsets: np.ndarray, values: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,8 @@
     contour edges -> crossings -> sort each isoline -> W from its value on the start curve -> W = 0 is visible
 
 Every isoline is checked: W may not be negative over more than rounding, and its values at the two ends must
-agree with W walked along the horizon from the neighbouring isoline. One that fails is left to `cover`.
+agree with W walked along the horizon from the neighbouring isoline. A point with one that fails is left to
+`cover`.
 """
 
 from __future__ import annotations
@@ -213,33 +214,38 @@ def _reset(reach, ledger, n, corner):
 
 @njit(**INNER)
 def _sweep_lines(position, gain, offsets, reach, ledger, corner, found, n_found, counts, i):
-    """Append the visible intervals of all isolines of point i, and count them."""
+    """Append the visible intervals of all isolines of point i, and count them.
+
+    One isoline that contradicts itself or its neighbour condemns all of the point: a jump that was missed
+    shifts the counts of every isoline beyond it, which then agree with one another.
+    """
+    before = n_found
+    sound = True
     for k in range(reach.shape[1]):
-        before = n_found
         counts[i, k] = 0
-        if reach[LEFT, k] < 0.0:
+        if reach[LEFT, k] < 0.0 or not sound:
             continue
-        sound = ledger[FAILED, k] == 0
-        if sound:
-            sort_pairs(position, gain, offsets[k], offsets[k + 1])
-            n_found, sound = _sweep_line(
-                position,
-                gain,
-                offsets[k],
-                offsets[k + 1],
-                reach[LEFT, k],
-                reach[RIGHT, k],
-                ledger[DEPTH, k],
-                found,
-                n_found,
-            )
-        if not sound:
-            counts[i, k] = CONTRADICTED
-            n_found = before
-            continue
-        counts[i, k] = n_found - before
-        to_loop(found, before, n_found, corner)
-    return n_found
+        sort_pairs(position, gain, offsets[k], offsets[k + 1])
+        first = n_found
+        n_found, sound = _sweep_line(
+            position,
+            gain,
+            offsets[k],
+            offsets[k + 1],
+            reach[LEFT, k],
+            reach[RIGHT, k],
+            ledger[DEPTH, k],
+            found,
+            n_found,
+        )
+        sound = sound and ledger[FAILED, k] == 0
+        counts[i, k] = n_found - first
+        to_loop(found, first, n_found, corner)
+    if sound:
+        return n_found
+    for k in range(reach.shape[1]):
+        counts[i, k] = CONTRADICTED if reach[LEFT, k] >= 0.0 else 0
+    return before
 
 
 @njit(**PARALLEL)

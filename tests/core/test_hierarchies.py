@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+
 import scenes
 from scenes import polyhedra
 from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import concatenate
-
 from silint.core.contour import EDGES, N_TALLY, NODES, gather_contours, side_rounding
 from silint.core.edge_hierarchy import (
     CENTRE,

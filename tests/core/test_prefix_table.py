@@ -42,7 +42,9 @@ def test_moments_over_the_sphere() -> None:
     # w integrates to 0 and w w^T to 4 pi / 3, on the lines' strips too, which fill the sphere.
     table = silint.prefix_table(lambda w: np.column_stack([w, w**2, w[:, :1] * w[:, 1:2]]), 7, 64)
     found = loops(7).integrate(table)[0]
-    np.testing.assert_allclose(found, [0, 0, 0, *[4 * np.pi / 3] * 3, 0], rtol=0, atol=4 * np.pi * SUM_ROUNDING)
+    np.testing.assert_allclose(
+        found, [0, 0, 0, *[4 * np.pi / 3] * 3, 0], rtol=0, atol=4 * np.pi * SUM_ROUNDING
+    )
 
 
 @pytest.mark.parametrize("isolines", [1, 4, 9, 64])

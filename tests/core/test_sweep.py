@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+
 from scenes import polyhedra
 from scenes.mesh import concatenate, moved
-
 from silint import Scene, SilhouetteIntegrator, Visibility
 from silint.core.contour import N_TALLY, gather_contours
 from silint.core.isolines import start_corner
@@ -28,7 +28,9 @@ def ball() -> Mesh:
 
 def around() -> Mesh:
     """Solids that stand about the point and reach below its horizon, and an open sheet."""
-    parts = [moved(polyhedra.icosahedron(), c) for c in ((2.0, 0.3, 0.4), (-1.0, 1.7, 0.1), (-0.6, -1.8, 1.0))]
+    parts = [
+        moved(polyhedra.icosahedron(), c) for c in ((2.0, 0.3, 0.4), (-1.0, 1.7, 0.1), (-0.6, -1.8, 1.0))
+    ]
     return concatenate([*parts, moved(polyhedra.triangle(), (-0.2, 0.1, 0.5))])
 
 
@@ -55,7 +57,9 @@ def broken_integrators(integrator: SilhouetteIntegrator) -> Iterator[SilhouetteI
         tree = getattr(integrator._trees, name)
         rows, count = np.empty((1024, 3), np.int32), 0
         tally = np.zeros(N_TALLY, np.int64)
-        rows, count = gather_contours(integrator._geometry, tree, p, n, start_corner(n), 0, rows, count, tally)
+        rows, count = gather_contours(
+            integrator._geometry, tree, p, n, start_corner(n), 0, rows, count, tally
+        )
         for a, b, _ in rows[:count]:
             e = int(np.flatnonzero((tree.ends == (a, b)).all(axis=1))[0])
             yield with_jump_turned_over(integrator, name, e)
@@ -79,7 +83,7 @@ def test_a_wrong_jump_is_noticed_wherever_it_shows(name: str) -> None:
     for broken in broken_integrators(integrator):
         found = broken.visibility(POINT, NORMAL, K)
         noticed = found.diagnostics["fallback_isolines"]
-        # Lines that still differ stand beside a line that was noticed: never is everything quietly wrong.
+        # Never is anything quietly wrong.
         assert noticed > 0 or not differing_lines(sound, found).any()
         assert noticed <= K
         n_noticed += noticed > 0
@@ -88,26 +92,12 @@ def test_a_wrong_jump_is_noticed_wherever_it_shows(name: str) -> None:
     assert n_broken >= 6 and n_noticed > 0.5 * n_broken
 
 
-@pytest.mark.xfail(reason="only the lines beside a contradiction are covered, not those beyond it", strict=True)
 @pytest.mark.parametrize("name", MESHES)
 def test_covering_repairs_every_line_that_a_wrong_jump_spoils(name: str) -> None:
     integrator = SilhouetteIntegrator(Scene(*MESHES[name]()))
     sound = integrator.visibility(POINT, NORMAL, K)
     for broken in broken_integrators(integrator):
         assert not differing_lines(sound, broken.visibility(POINT, NORMAL, K)).any()
-
-
-def test_a_wrong_jump_on_few_lines_is_repaired() -> None:
-    """An edge that crosses two or three isolines: all of them stand beside the contradiction."""
-    integrator = SilhouetteIntegrator(Scene(*moved(polyhedra.icosphere(2), (0.2, 0.1, 2.0))))
-    sound = integrator.ambient_occlusion(POINT, NORMAL, K, full_output=True)
-    assert sound.diagnostics["fallback_isolines"] == 0
-    n_repaired = 0
-    for broken in broken_integrators(integrator):
-        result = broken.ambient_occlusion(POINT, NORMAL, K, full_output=True)
-        if 2 <= result.diagnostics["fallback_isolines"] <= 3:
-            n_repaired += abs(result.value[0] - sound.value[0]) < ROUNDING
-    assert n_repaired > 4
 
 
 def test_covering_all_lines_is_the_same_region() -> None:
@@ -138,7 +128,9 @@ def test_visible_intervals_are_sorted_and_apart(isolines: int) -> None:
 
 def test_buffers_grow_until_everything_fits() -> None:
     """A comb of slats: more crossings, contours and intervals on a line than any buffer first holds."""
-    slats = concatenate([moved(polyhedra.box((6.0, 0.002, 1e-4)), (0.0, 0.004 * i - 1.0, 1.0)) for i in range(500)])
+    slats = concatenate(
+        [moved(polyhedra.box((6.0, 0.002, 1e-4)), (0.0, 0.004 * i - 1.0, 1.0)) for i in range(500)]
+    )
     integrator = SilhouetteIntegrator(Scene(*slats))
     points = np.array([[0.0003, 0.0, 0.0], [0.5, 0.2, 0.0]])
     normals = np.array([[0.0, 1e-3, 1.0], [0.3, 0.0, 1.0]])

@@ -7,12 +7,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-import scenes
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import scenes
 from scenes import polyhedra
 from scenes.mesh import concatenate, flipped
-
 from silint.core.topology import ULP, Topology, Welding, build_topology
 
 CLEAN = {

@@ -55,7 +55,7 @@ def bent_normal(normals: np.ndarray, visible: Intervals, isolines: int) -> tuple
     fraction, _ = hemisphere_fraction(normals, visible, isolines, "cosine")
     missed = (2.0 / 3.0) * np.pi * normals - total.sum(axis=1)
     value = (seen.sum(axis=1) + fraction[:, None] * missed) / np.pi
-    estimate = np.linalg.norm(seen[:, 0] - seen[:, 1], axis=1) / np.pi
+    estimate = 2.0 * np.linalg.norm(seen[:, 0] - seen[:, 1], axis=1) / np.pi
     return value, np.minimum(estimate, 1.0)
 
 
@@ -71,10 +71,10 @@ def _project(normals: np.ndarray, moments: np.ndarray) -> np.ndarray:
 
 
 def _ratio(seen: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Visible part of the total; the estimate is half the difference between even and odd isolines."""
+    """Visible part of the total; the estimate is the difference between even and odd isolines."""
     whole = total.sum(axis=1)
     value = np.divide(seen.sum(axis=1), whole, out=np.zeros(len(seen)), where=whole > 0.0)
     halves = np.divide(seen, total, out=np.zeros_like(seen), where=total > 0.0)
-    estimate = 0.5 * np.abs(halves[:, 0] - halves[:, 1])
+    estimate = np.abs(halves[:, 0] - halves[:, 1])
     estimate[(total <= 0.0).any(axis=1) & (whole > 0.0)] = 1.0  # one half alone says nothing
     return np.clip(value, 0.0, 1.0), np.minimum(estimate, 1.0)
