@@ -43,7 +43,7 @@ def test_the_promise_at_512_isolines(scene: AnalyticScene, weighting: str) -> No
 
 @pytest.mark.parametrize("placement", ["aligned", "turned"])
 def test_errors_fall_with_isolines(placement: str) -> None:
-    """At least like 1 / K over all scenes: midpoints of strips, misplaced where an outline runs along them."""
+    """At least like 1 / K over all scenes: midpoints of strips, wrong where an outline runs along them."""
     chosen = [s for s in SCENES if s.name.endswith(placement)]
     integrators = [SilhouetteIntegrator(Scene(s.vertices, s.faces)) for s in chosen]
     rms = []
@@ -58,9 +58,7 @@ def test_errors_fall_with_isolines(placement: str) -> None:
     # And on the way: each doubling helps, if not always by half.
     assert (np.diff(np.log2(rms)) < -0.5).all()
     slope = np.polyfit(np.log2(LINES), np.log2(rms), 1)[0]
-    print(
-        f"{placement}: rms {rms[0]:.1e} at {LINES[0]} isolines to {rms[-1]:.1e} at {LINES[-1]}, slope {slope:.2f}"
-    )
+    print(f"{placement}: rms {rms[0]:.1e} at {LINES[0]} to {rms[-1]:.1e} at {LINES[-1]}, slope {slope:.2f}")
     assert slope < -1.0
 
 
@@ -136,8 +134,9 @@ def test_the_open_sky_of_every_integrand(isolines: int) -> None:
 
 
 def test_a_linear_function_over_the_open_hemisphere() -> None:
-    """int w dw = pi n. A line ends at the horizon for the whole width of its strip, an error of first order in
-    the width, but of second order along n, since n.w vanishes there: cosine-weighted values gain by that."""
+    """int w dw = pi n. A line ends at the horizon for the whole width of its strip, an error of first order
+    in the width, but of second order along n, since n.w vanishes there: cosine weights gain by that.
+    """
     integrator = SilhouetteIntegrator(Scene(*BELOW))
     normals = units(20, 3)
     normals[:, 2] = np.abs(normals[:, 2])

@@ -103,7 +103,7 @@ def test_the_size_of_chunks_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> N
         return integrator.ambient_occlusion(p, n, 24, full_output=True, progress=lambda i, _: done.append(i))
 
     base = values()
-    # As little time as possible, or memory, gives the smallest chunks after the first, and much of both large ones.
+    # As little time or memory as possible gives the smallest chunks after the first, much of both large ones.
     for seconds, n_bytes, chunks in ((1e-9, 1 << 28, 12), (0.2, 1, 12), (1e3, 1 << 28, 3)):
         monkeypatch.setattr(silint.integrator, "_CHUNK_SECONDS", seconds)
         monkeypatch.setattr(silint.integrator, "_CHUNK_BYTES", n_bytes)
@@ -245,7 +245,7 @@ def test_a_mirror_image_is_seen_mirrored() -> None:
 
 @pytest.mark.parametrize("shift", [(1.0, -2.0, 0.5), (64.0, 64.0, 64.0)])
 def test_the_place_in_the_world_matters_by_rounding_only(shift: tuple[float, float, float]) -> None:
-    """A scene 64 units off the origin has its vertices rounded to 64 * 2^-53, and points are lifted by as much
+    """A scene 64 units off the origin has its vertices rounded to 64 * 2^-53, and points lifted by as much
     more: 2^-36 of 64 units, 1e-9 of the nearest occluders' distance and so of their size."""
     mesh = MESHES["clutter"]()
     p, n = points_about(mesh, 40)

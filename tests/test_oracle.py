@@ -93,7 +93,7 @@ def seen(integrator: SilhouetteIntegrator, p: np.ndarray, n: np.ndarray, k: int,
 
 
 def runs_along_an_edge(p: np.ndarray, ends: np.ndarray, k: int, n_lines: int) -> bool:
-    """Whether isoline k runs along an edge, or in the plane of a face through p: it sees both sides, or neither.
+    """Whether isoline k runs along an edge, or in the plane of a face through p: it sees both sides or none.
 
     Such a line has no answer: a hair further along x, or back, it has one or the other.
     """
@@ -132,7 +132,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
             for line in np.flatnonzero(difference > v_rounding * ends):
                 i = line // k
                 assert runs_along_an_edge(p[i], topology.vertices[topology.edges], line % k, k), (
-                    f"{where}: point {i} {points[0][i].tolist()}, normal {points[1][i].tolist()}, line {line % k}"
+                    f"{where}: point {i} {points[0][i].tolist()}, normal {points[1][i].tolist()}, {line % k}"
                 )
                 decided[i] = False
             if ao is not None:
@@ -280,7 +280,7 @@ def small_scenes(draw: st.DrawFn) -> tuple[Mesh, Points]:
 
 
 def check_sweep_against_cover(mesh: Mesh, points: Points) -> None:
-    """Points of a grid lie on edges and vertices often: the tolerance is that of the ill-conditioned kinds."""
+    """Points of a grid lie on edges and vertices often: the tolerance is that of ill-conditioned kinds."""
     integrator = SilhouetteIntegrator(Scene(*mesh))
     p, n = integrator._shade_points(*points)
     for k in (7, 16):

@@ -1,4 +1,4 @@
-"""Hierarchies hold everything once, bound all of it, and find the contour edges that testing every edge finds."""
+"""Hierarchies hold everything once, bound all of it, and find the contours that testing every edge finds."""
 
 from __future__ import annotations
 

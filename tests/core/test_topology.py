@@ -176,7 +176,7 @@ def test_a_face_as_thin_as_doubles_allow_has_a_unit_normal() -> None:
 
 def test_vertices_are_welded_by_position_only() -> None:
     vertices = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, -0.0), (-0.0, 1, 0), (5, 5, 5)]
-    topology, welding, defects = build(vertices, [(0, 1, 2), (5, 4, 3)])
+    _, welding, defects = build(vertices, [(0, 1, 2), (5, 4, 3)])
     assert defects == CLEAN | {"boundary_edges": 4, "welded_vertices": 2, "unreferenced_vertices": 1}
     assert welding.vertex_map[4] == welding.vertex_map[1] and welding.vertex_map[5] == welding.vertex_map[2]
     # One ulp apart is apart.
