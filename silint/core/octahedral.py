@@ -23,7 +23,10 @@ AT_POINT = 2.0**-500
 LAST = 1.7e308
 
 # A plane closer to p than this many times its rounding shows a face whose outline is all rounding.
-THIN = 64.0
+THIN = 8.0
+
+# A plane whose normal has less than this along U holds the start curve but for rounding.
+ALONG = 1e-9
 
 # Sides of the start curve.
 LEFT, RIGHT = 0, 1
@@ -135,12 +138,13 @@ def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, along):
     positive = negative = False
     first, first_x, second_x = 0, 0.0, 0.0
     n_crossings = 0
-    side_sign = 1.0
+    highest, side_sign = -np.inf, 1.0
     for i in range(3):
         a, b = geometry.faces[f, i], geometry.faces[f, (i + 1) % 3]
         xa, up_a, side_a, _ = local(geometry.vertices, min(a, b), p, n, corner)
         xb, up_b, side_b, _ = local(geometry.vertices, max(a, b), p, n, corner)
-        side_sign = 1.0 if side_a >= 0.0 else -1.0
+        if up_a > highest:
+            highest, side_sign = up_a, (1.0 if side_a >= 0.0 else -1.0)
         ta, tb = (side_a, side_b) if across_side else (up_a, up_b)
         if (ta >= 0.0) != (tb >= 0.0):
             x = xa * abs(tb) + xb * abs(ta)
@@ -165,8 +169,9 @@ def _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, along):
         return 0
     if n_crossings == 2 and first_x != second_x:
         return 1 if (first < 0) == front else 0
-    # The whole start curve lies on one side of the hemisphere's rim.
-    height = plane_up if across_side else -side_sign * plane_side_
+    # The whole start curve lies on one side of the hemisphere's rim: that of U, or if the rim runs along it,
+    # the side away from the rim's vertices there.
+    height = plane_up if abs(plane_up) > ALONG else -side_sign * plane_side_
     return 1 if (height < 0.0) == (front == along) else 0
 
 
