@@ -104,7 +104,7 @@ def _covers_pole(geometry, f, p, n, corner, pole, rounding):
     """Depth count of one face at the pole.
 
     Along the start curve from this pole to the other the face's count changes by `walk`, and at both ends it
-    is 0 or 1. So -1 means that it starts at 1, and 1 that it starts at 0; for 0 the face covers neither.
+    is 0 or 1: if it changes, the face covers one of the poles.
     """
     winding = 0
     for i in range(3):
@@ -121,7 +121,9 @@ def _covers_pole(geometry, f, p, n, corner, pole, rounding):
     planes = geometry.planes
     distance = planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] + planes[k, 3]
     if abs(distance) > THIN * (geometry.plane_errors[k] + rounding):
-        return 1 if walk < 0 else 0
+        # The plane meets the axis on one side of p. A vertex on the axis may make the loop turn the wrong way
+        # round it; the walk then leaves a -1 in that one direction, and all others stay right.
+        return -walk if pole * distance * planes[k, 0] < 0.0 else 0
     return _thin_covers_pole(geometry, f, p, n, corner, pole, walk, k, front, code >= 0)
 
 
