@@ -56,7 +56,7 @@ def points_array(points: npt.ArrayLike, name: str = "points") -> tuple[FloatArra
         The caller's own array where it already is one; it is never written to.
     came_as_float32 : bool
         Whether the values carry float32 precision or less (float32, float16), which sets how far a
-        shade point is lifted off its surface (design.md section 2). Integers and lists are exact: False.
+        shade point is lifted off its surface. Integers and lists are exact: False.
 
     Raises
     ------

@@ -11,7 +11,7 @@ __all__ = ["embree_points"]
 
 FloatArray = npt.NDArray[np.float64]
 
-# Share of the shortest local edge, and float32 units in the last place (design.md section 6).
+# Share of the shortest local edge, and float32 units in the last place.
 EDGE_SHARE = 1e-3
 ULPS = 16.0
 
