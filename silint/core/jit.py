@@ -12,4 +12,6 @@ from typing import Any
 # Division by zero gives infinity or NaN as in NumPy instead of an exception that every division must check.
 KERNEL: dict[str, Any] = {"cache": True, "error_model": "numpy"}
 INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# Loops over lanes that only have to be right up to a bound. NaN and infinity keep their meaning.
+FILTER: dict[str, Any] = {**INNER, "fastmath": {"contract", "nsz", "arcp", "reassoc"}}
 PARALLEL: dict[str, Any] = {**KERNEL, "parallel": True}

@@ -1,0 +1,70 @@
+"""Bundles of 16 faces under a tree with 16 children a node: what lies along an axis, or in front.
+
+Nodes come in blocks of 16 siblings, field by field, as those of edge bundles.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from silint.core.jit import PARALLEL
+from silint.core.lanes import WIDTH
+from silint.core.partition import aligned_order, level_blocks
+from silint.core.topology import Topology
+
+# Fields of a node: centre and half width of its box.
+CENTRE, HALF, N_FIELDS = 0, 3, 6
+BLOCK = N_FIELDS * WIDTH
+
+_UP = 2.0**-22  # bounds are rounded up by this, relative to the scene
+
+
+class FaceBundles(NamedTuple):
+    """Faces in the order of the tree's leaves."""
+
+    order: np.ndarray  # (F,) int32 faces of the topology
+    nodes: np.ndarray  # (blocks * BLOCK,) float32, level by level, bundles first
+    levels: np.ndarray  # (depth + 1,) int64: first block of each level
+
+
+def build_face_bundles(topology: Topology) -> FaceBundles:
+    """Group faces by the centres of their boxes."""
+    corners = topology.vertices[topology.faces]
+    order = aligned_order((0.5 * (corners.min(axis=1) + corners.max(axis=1))).astype(np.float32))
+    levels, sizes = level_blocks(len(order))
+    nodes = np.empty(levels[-1] * BLOCK, np.float32)
+    for level, size in enumerate(sizes):
+        _bound_level(
+            topology.vertices,
+            topology.faces,
+            order,
+            size,
+            nodes[levels[level] * BLOCK : levels[level + 1] * BLOCK],
+        )
+    return FaceBundles(order, nodes, levels)
+
+
+@njit(**PARALLEL)
+def _bound_level(vertices, faces, order, size, nodes):
+    n = len(order)
+    for block in prange(len(nodes) // BLOCK):
+        for lane in range(WIDTH):
+            first = (block * WIDTH + lane) * size
+            last = min(first + size, n)
+            base = block * BLOCK + lane
+            for axis in range(3):
+                low, high = np.inf, -np.inf
+                for k in range(first, last):
+                    for c in range(3):
+                        x = vertices[faces[order[k], c], axis]
+                        low, high = min(low, x), max(high, x)
+                if first < last:
+                    middle = np.float32(0.5 * (low + high))
+                    half = max(high - middle, middle - low) * (1.0 + _UP) + _UP
+                else:
+                    middle, half = np.float32(0.0), -1e30  # met by nothing
+                nodes[base + (CENTRE + axis) * WIDTH] = middle
+                nodes[base + (HALF + axis) * WIDTH] = half

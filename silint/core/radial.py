@@ -1,0 +1,167 @@
+"""Radial isolines: half-planes through an axis close to the shade point's own normal.
+
+The frame (T, M, A) of a point is a function of its normal alone: A is the normal tilted by about two degrees
+and T, M are turned by an angle that no mesh was built with, since walls and floors aligned with the normal
+would make zenith and lines degenerate. With azimuth phi about A, line k is the half-plane phi_k = 2 pi (k +
+1/2) / K, and a direction on it is known by its key y = cot(theta): +inf at the zenith A, falling towards the
+horizon of the normal. The circle is cut into K sectors, sector s between the lines s - 1 and s.
+
+A great circle arc through a and b with normal N = a x (b - a) has cot(theta) = -(N_T cos(phi) + N_M sin(phi)) / N_A:
+two products a crossing, and azimuth is monotone along it. Every vertex has one sector. An edge crosses the lines between the sectors of its ends, the short way round,
+whatever rounding does to where exactly: so the crossings of closed contours cancel. K is even, 4 at least.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from silint.core.jit import INNER, KERNEL
+
+# A vertex at the shade point itself is seen along -n; its distance only has to be small.
+AT_POINT = 2.0**-500
+
+# The fixed rotation of the frame: turned by 0.7 about the normal, then tilted by 0.035.
+_TILT, _TURN, _TILT_AXIS = 0.035, 0.7, 2.1
+
+
+def _fixed_rotation() -> np.ndarray:
+    """Rows T, M, A in an orthonormal basis whose last vector is the normal."""
+    x, y = np.cos(_TILT_AXIS), np.sin(_TILT_AXIS)
+    cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
+    tilt = np.eye(3) + np.sin(_TILT) * cross + (1.0 - np.cos(_TILT)) * cross @ cross
+    c, s = np.cos(_TURN), np.sin(_TURN)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rows: np.ndarray = (tilt @ turn).T
+    return rows
+
+
+_G = tuple(float(x) for x in _fixed_rotation().ravel())
+_G00, _G01, _G02, _G10, _G11, _G12, _G20, _G21, _G22 = _G
+
+# atan(x) / x as a polynomial in x^2 for |x| <= tan(pi / 8), to rounding.
+_ATAN = (
+    1.0,
+    -0.3333333333332844,
+    0.1999999999885511,
+    -0.14285714180976467,
+    0.11111106180455946,
+    -0.09090773074808414,
+    0.07689953496306857,
+    -0.06640233930429408,
+    0.056883492268090106,
+    -0.04348052215716462,
+    0.021135373157693246,
+)
+_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = _ATAN
+_TAN_EIGHTH = 0.41421356237309503
+
+
+def line_table(n_lines: int) -> np.ndarray:
+    """Cosine and sine of phi_k: (K, 2) float64."""
+    phi = 2.0 * np.pi * (np.arange(n_lines) + 0.5) / n_lines
+    return np.stack([np.cos(phi), np.sin(phi)], axis=1)
+
+
+@njit(**KERNEL)
+def set_frame(n, frame):
+    """Write T, M, A of a unit normal to the rows of frame (3, 3) [Duff et al. 2017, then a fixed rotation]."""
+    sign = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    bx, by, bz = 1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]
+    cx, cy, cz = b, sign + n[1] * n[1] * a, -n[1]
+    frame[0, 0] = _G00 * bx + _G01 * cx + _G02 * n[0]
+    frame[0, 1] = _G00 * by + _G01 * cy + _G02 * n[1]
+    frame[0, 2] = _G00 * bz + _G01 * cz + _G02 * n[2]
+    frame[1, 0] = _G10 * bx + _G11 * cx + _G12 * n[0]
+    frame[1, 1] = _G10 * by + _G11 * cy + _G12 * n[1]
+    frame[1, 2] = _G10 * bz + _G11 * cz + _G12 * n[2]
+    frame[2, 0] = _G20 * bx + _G21 * cx + _G22 * n[0]
+    frame[2, 1] = _G20 * by + _G21 * cy + _G22 * n[1]
+    frame[2, 2] = _G20 * bz + _G21 * cz + _G22 * n[2]
+
+
+@njit(**KERNEL)
+def horizon_key(n, frame, c, s):
+    """Key at which the line with cosine c and sine s meets the horizon of n."""
+    nt = n[0] * frame[0, 0] + n[1] * frame[0, 1] + n[2] * frame[0, 2]
+    nm = n[0] * frame[1, 0] + n[1] * frame[1, 1] + n[2] * frame[1, 2]
+    na = n[0] * frame[2, 0] + n[1] * frame[2, 1] + n[2] * frame[2, 2]
+    return -(nt * c + nm * s) / na
+
+
+@njit(**KERNEL)
+def in_frame(x, y, z, frame):
+    """Coordinates of a world vector along T, M, A."""
+    return (
+        frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z,
+        frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z,
+        frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z,
+    )
+
+
+@njit(**KERNEL)
+def local_vertex(vertices, v, p, n, frame):
+    """Direction from p to a vertex in the frame, and its height above the horizon of n."""
+    x, y, z = vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        x, y, z = -AT_POINT * n[0], -AT_POINT * n[1], -AT_POINT * n[2]
+    t, m, a = in_frame(x, y, z, frame)
+    return t, m, a, n[0] * x + n[1] * y + n[2] * z
+
+
+@njit(**INNER)
+def azimuth(t, m):
+    """Azimuth in [0, 2 pi] of a direction, 0 along the axis.
+
+    Without a branch or a call, so that a loop over it becomes vector code with the same bits as a single one.
+    """
+    x, y = abs(t), abs(m)
+    big = x if x > y else y
+    small = y if x > y else x
+    steep = small > _TAN_EIGHTH * big
+    above = small - big if steep else small
+    below = small + big if steep else big
+    q = above / (below if below > 0.0 else 1.0)
+    s = q * q
+    r = _C4 + s * (_C5 + s * (_C6 + s * (_C7 + s * (_C8 + s * (_C9 + s * _C10)))))
+    r = q * (_C0 + s * (_C1 + s * (_C2 + s * (_C3 + s * r))))
+    r = 0.25 * np.pi + r if steep else r
+    r = 0.5 * np.pi - r if y > x else r
+    r = np.pi - r if t < 0.0 else r
+    return 2.0 * np.pi - r if m < 0.0 else r
+
+
+@njit(**INNER)
+def sector(t, m, n_lines):
+    """Sector of a direction: sector s lies between the lines s - 1 and s."""
+    s = np.int32(azimuth(t, m) * (n_lines / (2.0 * np.pi)) + 0.5)
+    return s if s < n_lines else np.int32(0)
+
+
+@njit(**KERNEL)
+def edge_circle(ax, ay, az, ex, ey, ez):
+    """Coefficients of the great circle through a and a + e, in the frame: key = A cos(phi) + B sin(phi), and N_A.
+
+    Where N_A is 0 the keys are infinite, or NaN for an edge through the shade point, which counts as seen
+    along -n.
+    """
+    turn = ax * ey - ay * ex
+    scale = -1.0 / turn
+    return (ay * ez - az * ey) * scale, (az * ex - ax * ez) * scale, turn
+
+
+@njit(**KERNEL)
+def span(sector_a, sector_b, turn, n_lines):
+    """Lines that an arc crosses: the first, their number, and whether it turns left, seen from the axis.
+
+    An arc spans less than half a turn, so the sectors tell the direction; where they leave it open, the sign
+    of N_A does. K is even: then that is never a matter of rounding.
+    """
+    left = sector_b - sector_a
+    if left < 0:
+        left += n_lines
+    if 2 * left < n_lines or (2 * left == n_lines and turn > 0.0):
+        return sector_a, left, True
+    return sector_b, n_lines - left, False

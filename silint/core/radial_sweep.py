@@ -1,0 +1,318 @@
+"""Phase one on radial isolines: visible intervals of tiles of shade points, by sweeping the depth count.
+
+    bundles near the tile -> edges of the point -> crossings with half-planes -> W from the zenith -> W = 0
+
+A tile is a run of neighbouring points that share the traversal of the trees. What a point sees depends on the
+point alone: the frame on its normal, and the order of its crossings on the order of edges in the tree.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from silint.core.buffers import grow_rows, sort_pairs
+from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
+from silint.core.face_bundles import BLOCK as FACE_BLOCK
+from silint.core.jit import INNER, PARALLEL
+from silint.core.lanes import WIDTH
+from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
+from silint.core.radial import horizon_key, set_frame
+from silint.core.search import (
+    CANDIDATE_BLOCK,
+    N_POINT,
+    N_TILE,
+    PACKET_BLOCK,
+    bound_packets,
+    find_edges,
+    gather_candidates,
+    set_point,
+    set_tile,
+)
+from silint.core.zenith import N_AXIS, gather_faces, set_axis, set_axis_tile, zenith_count
+
+TILE = 32  # shade points that share a traversal
+
+# Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
+NEGATIVE_LENGTH = 1e-9
+
+CONTRADICTED = -1  # in place of a number of intervals
+
+
+@njit(**INNER)
+def _sweep_line(key, gain, lo, hi, end, w, out, n_out):
+    """Append the visible intervals of one line, from its crossings in rising order and W at the zenith.
+
+    Returns the number of rows written so far, and whether W stayed non-negative.
+    """
+    sound = True
+    first = n_out
+    y = np.inf
+    for i in range(hi - 1, lo - 2, -1):
+        stop = key[i] if i >= lo else end
+        if stop < y:
+            if w == 0:
+                if n_out > first and out[n_out - 1, 1] == y:
+                    out[n_out - 1, 1] = stop  # crossings that cancel in one place split nothing
+                else:
+                    out[n_out, 0], out[n_out, 1] = y, stop
+                    n_out += 1
+            elif w < 0 and y - stop > NEGATIVE_LENGTH * (1.0 + y * y):
+                sound = False
+            y = stop
+        if i >= lo:
+            w += gain[i]
+    return n_out, sound
+
+
+@njit(**INNER)
+def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts, i):
+    """Append the visible intervals of all lines of point i, and count them.
+
+    A line that contradicts itself condemns all of the point: its start count serves all lines.
+    """
+    before = n_found
+    sound = True
+    n_lines = len(horizon)
+    for k in range(n_lines):
+        lo, hi = k * capacity, k * capacity + count[k]
+        sort_pairs(key, gain, lo, hi)
+        first = n_found
+        n_found, line_sound = _sweep_line(key, gain, lo, hi, horizon[k], w, found, n_found)
+        sound = sound and line_sound
+        counts[i, k] = n_found - first
+    if sound:
+        return n_found
+    for k in range(n_lines):
+        counts[i, k] = CONTRADICTED
+    return before
+
+
+@njit(**INNER)
+def _room(array, size):
+    """The array, or a longer one whose contents are not set."""
+    return array if len(array) >= size else np.empty(2 * size, array.dtype)
+
+
+@njit(**INNER)
+def _sweep_tiles(
+    geometry, contour, boundary, faces, points, normals, lines, first, last, counts, starts, tally
+):
+    """Visible intervals of the points [first, last), tile by tile, in one list."""
+    n_lines = len(lines)
+    frame = np.empty((3, 3))
+    horizon = np.empty(n_lines)
+    tile, q, axes = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32), np.empty(N_AXIS, np.float32)
+    stack = np.empty((256, 2), np.int64)
+    candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
+    packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
+    near_faces, near_face_bundle = np.empty(8 * FACE_BLOCK, np.float32), np.empty(8 * WIDTH, np.int32)
+    scratch, side = np.empty((2, WIDTH), np.float32), np.empty(WIDTH, np.int32)
+    narrow = lines.astype(np.float32)
+    ids, sides = np.empty(1024, np.int32), np.empty(1024, np.int32)
+    lanes, spans = np.empty(N_LANE_FIELDS * WIDTH), np.empty(N_SPAN_FIELDS * WIDTH, np.int32)
+    capacity = 16
+    count = np.empty(n_lines, np.int32)
+    key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
+    found = np.empty((4 * TILE * n_lines, 2))
+    n_found = 0
+    n_faces = (len(faces.order) + WIDTH - 1) // WIDTH
+
+    for tile_first in range(first, last, TILE):
+        tile_last = min(tile_first + TILE, last)
+        # What may matter to some point of the tile.
+        set_tile(points, normals, tile_first, tile_last, tile)
+        while True:
+            n_pairs = gather_candidates(
+                contour.nodes,
+                contour.levels,
+                contour.edges,
+                len(contour.ends),
+                tile,
+                stack,
+                candidates,
+                edge_ids,
+                0,
+            )
+            first_other = (n_pairs + WIDTH - 1) // WIDTH * WIDTH
+            n_candidates = gather_candidates(
+                boundary.nodes,
+                boundary.levels,
+                boundary.edges,
+                len(boundary.ends),
+                tile,
+                stack,
+                candidates,
+                edge_ids,
+                first_other,
+            )
+            if n_candidates <= len(edge_ids):
+                break
+            n_blocks = (n_candidates + n_candidates // 2) // (WIDTH * WIDTH) + 1
+            candidates = np.empty(n_blocks * WIDTH * CANDIDATE_BLOCK, np.float32)
+            packets = np.empty(n_blocks * PACKET_BLOCK, np.float32)
+            edge_ids = np.empty(n_blocks * WIDTH * WIDTH, np.int32)
+        bound_packets(candidates, 0, n_pairs, packets)
+        bound_packets(candidates, first_other, n_candidates, packets)
+        centre = tile[0], tile[1], tile[2]
+        set_axis_tile(points, normals, tile_first, tile_last, frame, axes)
+        while True:
+            n_along = gather_faces(
+                faces.nodes, faces.levels, n_faces, axes, stack, near_faces, near_face_bundle
+            )
+            if n_along <= len(near_face_bundle):
+                break
+            n_along = (n_along + n_along // 2 + WIDTH) // WIDTH
+            near_faces = np.empty(n_along * FACE_BLOCK, np.float32)
+            near_face_bundle = np.empty(n_along * WIDTH, np.int32)
+
+        for i in range(tile_first, tile_last):
+            p = points[i, 0], points[i, 1], points[i, 2]
+            n = normals[i, 0], normals[i, 1], normals[i, 2]
+            set_frame(n, frame)
+            set_point(p, n, frame, n_lines, centre, q)
+            rounding = side_rounding(p)
+            for k in range(n_lines):
+                horizon[k] = horizon_key(n, frame, lines[k, 0], lines[k, 1])
+            ids, sides = _room(ids, n_candidates), _room(sides, n_candidates)
+            n_ids = find_edges(
+                packets, candidates, edge_ids, 0, n_pairs, q, scratch, side, narrow, ids, sides, 0, tally[i]
+            )
+            n_other = find_edges(
+                packets,
+                candidates,
+                edge_ids,
+                first_other,
+                n_candidates,
+                q,
+                scratch,
+                side,
+                narrow,
+                ids,
+                sides,
+                n_ids,
+                tally[i],
+            )
+            while True:
+                for k in range(n_lines):
+                    count[k] = 0
+                fits = cross_edges(
+                    geometry.vertices,
+                    geometry.planes,
+                    geometry.plane_errors,
+                    contour.ends,
+                    contour.offsets,
+                    contour.codes,
+                    ids,
+                    sides,
+                    0,
+                    n_ids,
+                    p,
+                    n,
+                    frame,
+                    lines,
+                    horizon,
+                    rounding,
+                    lanes,
+                    spans,
+                    count,
+                    key,
+                    gain,
+                    capacity,
+                    tally[i],
+                ) and cross_edges(
+                    geometry.vertices,
+                    geometry.planes,
+                    geometry.plane_errors,
+                    boundary.ends,
+                    boundary.offsets,
+                    boundary.codes,
+                    ids,
+                    sides,
+                    n_ids,
+                    n_other,
+                    p,
+                    n,
+                    frame,
+                    lines,
+                    horizon,
+                    rounding,
+                    lanes,
+                    spans,
+                    count,
+                    key,
+                    gain,
+                    capacity,
+                    tally[i],
+                )
+                if fits:
+                    break
+                capacity *= 2
+                key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
+                tally[i, CONTOURS] = tally[i, SNAPPED] = 0
+            set_axis(p, frame, axes)
+            w = zenith_count(
+                geometry, faces, near_faces, near_face_bundle, n_along, axes, p, n, frame, n_lines, rounding
+            )
+            crossings = 0
+            for k in range(n_lines):
+                crossings += count[k]
+            tally[i, CROSSINGS] += crossings
+            if n_found + crossings + n_lines > len(found):
+                found = grow_rows(found, 2 * len(found) + crossings + n_lines)
+            starts[i] = n_found
+            n_found = _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts, i)
+    return found, n_found
+
+
+@njit(**PARALLEL)
+def radial_intervals(
+    geometry,
+    contour,
+    boundary,
+    faces,
+    points,
+    normals,
+    lines,
+    per_block,
+    counts,
+    starts,
+    intervals,
+    needed,
+    tally,
+):
+    """Visible intervals of many shade points on radial isolines.
+
+    Parameters
+    ----------
+    geometry : Topology
+    contour, boundary : EdgeBundles
+        Of ordinary edges, and of all others.
+    faces : FaceBundles
+    points, normals : (n, 3) float64
+        In scaled units and already displaced; unit normals. Neighbours in the array should be neighbours in
+        space, and alike in normal.
+    lines : (K, 2) float64
+        See `radial.line_table`.
+    per_block : int
+        Points of a block, a multiple of TILE.
+    counts : (n, K) int32, out
+        Intervals on each line; CONTRADICTED, and none, where it has to be covered instead.
+    starts : (n,) int64, out
+        First row of each point's intervals within its block.
+    intervals : (blocks, capacity, 2) float64, out
+        Keys of start and end, from the zenith down, tightly packed within a block.
+    needed : (blocks,) int64, out
+        Intervals of each block; a block that needs more than the capacity is left unwritten.
+    tally : (n, N_TALLY) int64, zero, out
+    """
+    n = len(points)
+    for block in prange(len(intervals)):
+        first, last = block * per_block, min((block + 1) * per_block, n)
+        found, n_found = _sweep_tiles(
+            geometry, contour, boundary, faces, points, normals, lines, first, last, counts, starts, tally
+        )
+        needed[block] = n_found
+        if n_found <= intervals.shape[1]:
+            for j in range(n_found):
+                intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]
