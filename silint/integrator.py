@@ -2,43 +2,44 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from silint.core.contour import CONTOURS, CROSSINGS, EDGES, N_TALLY, NODES, SNAPPED
-from silint.core.edge_hierarchy import EdgeHierarchy, build_edge_hierarchies
-from silint.core.face_hierarchy import build_face_hierarchy
-from silint.core.integrands import fractions
-from silint.core.lift import lift_points
-from silint.core.sweep import BLOCK
-from silint.core.visible import Trees, VisibleIntervals, cover_visible, find_visible
+from silint.core.integrands import fractions, radial
+from silint.core.radial import RadialIntervals
+from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Part, Plan
-from silint.scene import Scene, as_scene
-from silint.validation import InputError, choice, normals_array, points_array, positive_int, unit_vector
+from silint.scene import as_scene
+from silint.validation import (
+    InputError,
+    choice,
+    positive_int,
+    positive_number,
+    unit_vector,
+)
 from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility
 
-METHODS = ("auto", "octahedral")
+METHODS = ("auto", "octahedral", "radial")
 MAX_ISOLINES = 4096
-Progress = Callable[[int, int], None]
 
-# Shade points are lifted along their normals by the first distance, and off the faces that touch them and
-# hold their normal by the second; a face touches within the third (core.lift). In units of the scene, for
-# points that are exact in float64 and for coordinates that came as float32. Far above the rounding of the
-# mesh, so that an edge below a lifted point keeps its direction to 1e-5; far below any feature of a mesh.
-LIFT = (2.0**-36, 2.0**-44, 2.0**-48)
-LIFT_FLOAT32 = (2.0**-18, 2.0**-21, 2.0**-23)
+# Lines that a query with a tolerance starts with; doubled for the points that need it.
+_FIRST_ISOLINES = 32
 
-# A call into the kernels is kept near this time, so that Ctrl-C and progress bars stay responsive.
-_CHUNK_SECONDS = 0.2
-_CHUNK_BYTES = 1 << 28
+# The error falls as lines ** -_RATE.
+_RATE = 1.5
 
-# Numba's simplest threading layer may not be entered twice at a time.
-_KERNEL_LOCK = threading.Lock()
+Found = tuple[FloatArray, FloatArray]  # value, error estimate
+
+
+class _Integrand(NamedTuple):
+    """Phase two of a query, for either family of isolines."""
+
+    shape: tuple[int, ...]
+    octahedral: Callable[[Visibility], Found]
+    radial: Callable[[RadialIntervals], Found]
 
 
 class SilhouetteIntegrator:
@@ -72,11 +73,8 @@ class SilhouetteIntegrator:
     """
 
     def __init__(self, scene: Any) -> None:
-        self.scene: Scene = as_scene(scene)
-        topology = self.scene.topology
-        contour, boundary, self._flat_edges = build_edge_hierarchies(topology)
-        self._trees = Trees(contour, boundary, build_face_hierarchy(topology))
-        self._geometry = topology
+        self.scene = as_scene(scene)
+        self._finder = VisibleFinder(self.scene)
 
     # ------------------------------------------------------------------ queries
 
@@ -84,9 +82,10 @@ class SilhouetteIntegrator:
         self,
         points: npt.ArrayLike,
         normals: npt.ArrayLike,
-        isolines: int = 64,
+        isolines: int | None = None,
         weighting: str = "cosine",
         method: str = "auto",
+        tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
     ) -> Any:
@@ -95,12 +94,17 @@ class SilhouetteIntegrator:
         Parameters
         ----------
         points, normals : array_like, shape (n, 3)
-        isolines : int
-            Lines on the octahedral map, 1 to 4096; two are used for 1. The error falls about as
-            isolines ** -1.5.
+        isolines : int, optional
+            Lines for each point, 1 to 4096, by default 64. The error falls about as isolines ** -1.5. Radial
+            isolines come in even numbers from 4 on, others are rounded up.
         weighting : {"cosine", "uniform"}
             (1/pi) int V max(n.w, 0) dw, or (1/2pi) int V dw over the hemisphere of n.
-        method : {"auto", "octahedral"}
+        method : {"auto", "octahedral", "radial"}
+            The family of isolines: half-planes through each point's own normal are cheaper, those of the
+            global octahedral map serve any function of direction. "auto" takes radial ones.
+        tolerance : float, optional
+            In place of isolines: take as many as each point needs for its own error estimate to be below
+            this. Points that 4096 do not bring there are counted as ``above_tolerance``.
         full_output : bool
             Return a `Result` instead of the values.
         progress : callable, optional
@@ -117,18 +121,23 @@ class SilhouetteIntegrator:
         """
         choice(weighting, "weighting", WEIGHTINGS)
 
-        def integrand(v: Visibility) -> tuple[FloatArray, FloatArray]:
-            return fractions.hemisphere_fraction(v.normals, (v.offsets, v.intervals), v.isolines, weighting)
-
-        return self._integrate(integrand, (), points, normals, isolines, method, full_output, progress)
+        integrand = _Integrand(
+            (),
+            lambda v: fractions.hemisphere_fraction(
+                v.normals, (v.offsets, v.intervals), v.isolines, weighting
+            ),
+            lambda v: radial.hemisphere_fraction(v, weighting),
+        )
+        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
     def sky_view_factor(
         self,
         points: npt.ArrayLike,
         normals: npt.ArrayLike,
         up: npt.ArrayLike = (0.0, 0.0, 1.0),
-        isolines: int = 64,
+        isolines: int | None = None,
         method: str = "auto",
+        tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
     ) -> Any:
@@ -147,17 +156,20 @@ class SilhouetteIntegrator:
         """
         axis = unit_vector(up, "up")
 
-        def integrand(v: Visibility) -> tuple[FloatArray, FloatArray]:
-            return fractions.sky_view_factor(v.normals, (v.offsets, v.intervals), v.isolines, axis)
-
-        return self._integrate(integrand, (), points, normals, isolines, method, full_output, progress)
+        integrand = _Integrand(
+            (),
+            lambda v: fractions.sky_view_factor(v.normals, (v.offsets, v.intervals), v.isolines, axis),
+            lambda v: radial.sky_view_factor(v, axis),
+        )
+        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
     def bent_normals(
         self,
         points: npt.ArrayLike,
         normals: npt.ArrayLike,
-        isolines: int = 64,
+        isolines: int | None = None,
         method: str = "auto",
+        tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
     ) -> Any:
@@ -170,10 +182,12 @@ class SilhouetteIntegrator:
         (n, 3) float64, or Result
         """
 
-        def integrand(v: Visibility) -> tuple[FloatArray, FloatArray]:
-            return fractions.bent_normal(v.normals, (v.offsets, v.intervals), v.isolines)
-
-        return self._integrate(integrand, (3,), points, normals, isolines, method, full_output, progress)
+        integrand = _Integrand(
+            (3,),
+            lambda v: fractions.bent_normal(v.normals, (v.offsets, v.intervals), v.isolines),
+            radial.bent_normal,
+        )
+        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
     def visibility(
         self,
@@ -190,15 +204,15 @@ class SilhouetteIntegrator:
         Visibility
             About 100 bytes an isoline and point.
         """
-        choice(method, "method", METHODS)
+        choice(method, "method", ("auto", "octahedral"))
         lines = _at_least_two(isolines)
-        p, n = self._shade_points(points, normals)
-        totals = _diagnose(None, 0, 0, lines)
+        p, n = self._finder.shade_points(points, normals)
+        totals = diagnose(None, 0, 0, lines)
         lengths, intervals = [np.zeros(1, np.int64)], [np.zeros((0, 2))]
-        for visible, _ in self._chunks(p, n, lines, progress):
+        for visible, _ in self._finder.octahedral(p, n, lines, progress):
             lengths.append(np.diff(visible.offsets))
             intervals.append(visible.intervals)
-            _add(totals, visible.diagnostics)
+            add_counts(totals, visible.diagnostics)
         offsets = np.cumsum(np.concatenate(lengths))
         return Visibility(n, lines, offsets, np.concatenate(intervals), diagnostics=totals)
 
@@ -207,7 +221,7 @@ class SilhouetteIntegrator:
     @property
     def plan(self) -> Plan:
         """What the scene needs, whatever will be asked of it."""
-        contour, boundary, _ = self._trees
+        contour, boundary, _ = self._finder.trees
         defects = self.scene.defects
         others = defects["boundary_edges"] + defects["non_manifold_edges"]
         return Plan(
@@ -238,7 +252,7 @@ class SilhouetteIntegrator:
                 Part(
                     "flat edges",
                     False,
-                    f"{self._flat_edges:,} edges inside flat regions are contours from nowhere",
+                    f"{self._finder.flat_edges:,} edges inside flat regions are contours from nowhere",
                 ),
                 Part(
                     "face hierarchy",
@@ -264,7 +278,7 @@ class SilhouetteIntegrator:
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
         orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
         used = orders.get(request, {1, 2} if request == "bent_normals" else set())
-        has_boundary = len(self._trees.boundary.ends) > 0
+        has_boundary = len(self._finder.trees.boundary.ends) > 0
         tables = tuple(
             Part(
                 name,
@@ -303,9 +317,9 @@ class SilhouetteIntegrator:
     @property
     def memory(self) -> dict[str, int]:
         """Bytes of topology and hierarchies, by part."""
-        contour, boundary, face_tree = self._trees
+        contour, boundary, face_tree = self._finder.trees
         return {
-            "topology": _n_bytes(self._geometry),
+            "topology": _n_bytes(self._finder.geometry),
             "contour hierarchy": _n_bytes(contour),
             "boundary hierarchy": _n_bytes(boundary) if len(boundary.ends) else 0,
             "face hierarchy": _n_bytes(face_tree),
@@ -318,74 +332,87 @@ class SilhouetteIntegrator:
 
     def _integrate(
         self,
-        integrand: Callable[[Visibility], tuple[FloatArray, FloatArray]],
-        shape: tuple[int, ...],
+        integrand: _Integrand,
         points: npt.ArrayLike,
         normals: npt.ArrayLike,
-        isolines: int,
+        isolines: int | None,
         method: str,
+        tolerance: float | None,
         full_output: bool,
         progress: Progress | None,
     ) -> Any:
-        """Run phase one and one integrand chunk by chunk, so that memory does not grow with the points."""
+        """Both phases, group by group, so that memory does not grow with the points."""
         choice(method, "method", METHODS)
-        lines = _at_least_two(isolines)
-        p, n = self._shade_points(points, normals)
-        value = np.empty((len(p), *shape))
-        estimate = np.empty(len(p))
-        totals = _diagnose(None, 0, 0, lines)
-        for visible, rows in self._chunks(p, n, lines, progress):
-            with _KERNEL_LOCK:
-                value[rows], estimate[rows] = integrand(visible)
-            _add(totals, visible.diagnostics)
+        if tolerance is None:
+            lines = positive_int(64 if isolines is None else isolines, "isolines", 1, MAX_ISOLINES)
+        elif isolines is None:
+            tolerance, lines = positive_number(tolerance, "tolerance"), _FIRST_ISOLINES
+        else:
+            raise InputError("isolines and tolerance given; a tolerance takes as many isolines as it needs")
+        p, n = self._finder.shade_points(points, normals)
+        value, estimate = np.empty((len(p), *integrand.shape)), np.empty(len(p))
+        totals = diagnose(None, 0, 0, 0)
+        if tolerance is None:
+            self._run(integrand, method, p, n, np.arange(len(p)), lines, value, estimate, totals, progress)
+        else:
+            self._refine(integrand, method, p, n, tolerance, value, estimate, totals, progress)
         return Result(value, estimate, totals) if full_output else value
 
-    def _shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Points in scaled units, lifted along their unit normals."""
-        p, float32_points = points_array(points)
-        n = normals_array(normals, len(p))
-        with np.errstate(over="ignore"):
-            p = np.ldexp(p, -self.scene.welding.exponent)
-        far = np.flatnonzero(~(np.abs(p) < 1e100).all(axis=1))
-        if len(far):
-            raise InputError(f"points row {far[0]} lies more than 1e100 scene extents away")
-        lift = LIFT_FLOAT32 if float32_points or self.scene.float32_source else LIFT
-        lifted = np.empty_like(p)
-        with _KERNEL_LOCK:
-            lift_points(self._geometry, self._trees.face, p, n, *lift, lifted)
-        return lifted, n
+    def _refine(
+        self,
+        integrand: _Integrand,
+        method: str,
+        p: FloatArray,
+        n: FloatArray,
+        tolerance: float,
+        value: FloatArray,
+        estimate: FloatArray,
+        totals: dict[str, int],
+        progress: Progress | None,
+    ) -> None:
+        """Double the lines of every point, more than once where its estimate asks for it, until it is met."""
+        lines = np.full(len(p), _FIRST_ISOLINES)
+        k = _FIRST_ISOLINES
+        while k <= MAX_ISOLINES:
+            rows = np.flatnonzero(lines == k)
+            if len(rows):
+                counts = diagnose(None, 0, 0, 0)
+                self._run(integrand, method, p[rows], n[rows], rows, k, value, estimate, counts, progress)
+                above = rows[estimate[rows] > tolerance]
+                steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1)
+                lines[above] = k * 2 ** steps.astype(int)
+                if k < MAX_ISOLINES:
+                    lines[above] = np.minimum(lines[above], MAX_ISOLINES)
+                add_counts(totals, counts)
+            k *= 2
+        totals["points"] = len(p)
+        totals["above_tolerance"] = int((lines > MAX_ISOLINES).sum())
 
-    def _chunks(
-        self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None, cover_all: bool = False
-    ) -> Iterator[tuple[Visibility, slice]]:
-        """Visible intervals of consecutive runs of points, each found in about _CHUNK_SECONDS."""
-        size, capacity, done = 2 * BLOCK, 4 * BLOCK * isolines, 0
-        while done < len(p):
-            rows = slice(done, min(done + size, len(p)))
-            began = time.perf_counter()
-            with _KERNEL_LOCK:
-                found: VisibleIntervals | int
-                if cover_all:
-                    found = cover_visible(self._geometry, self._trees, p[rows], n[rows], isolines)
-                else:
-                    found = find_visible(self._geometry, self._trees, p[rows], n[rows], isolines, capacity)
-            most_blocks = max(_CHUNK_BYTES // (16 * capacity), 1)
-            if isinstance(found, int):
-                # Grow the buffers, in fewer points at a time if they would become large.
-                capacity = found + found // 4
-                size = min(size, BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1))
-                continue
-            seen = np.diff(found.offsets[::isolines])
-            diagnostics = _diagnose(found, len(seen), int((seen == 0).sum()), isolines)
-            yield (
-                Visibility(n[rows], isolines, found.offsets, found.intervals, "octahedral", diagnostics),
-                rows,
-            )
-            done = rows.stop
-            if progress is not None:
-                progress(done, len(p))
-            factor = _CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)
-            size = BLOCK * min(max(int(size * min(max(factor, 0.25), 4.0)) // BLOCK, 1), most_blocks)
+    def _run(
+        self,
+        integrand: _Integrand,
+        method: str,
+        p: FloatArray,
+        n: FloatArray,
+        rows: npt.NDArray[Any],
+        isolines: int,
+        value: FloatArray,
+        estimate: FloatArray,
+        totals: dict[str, int],
+        progress: Progress | None,
+    ) -> None:
+        """Write value and estimate of some rows, and add what was counted."""
+        if method == "octahedral":
+            for visible, part in self._finder.octahedral(p, n, max(isolines, 2), progress):
+                with KERNEL_LOCK:
+                    value[rows[part]], estimate[rows[part]] = integrand.octahedral(visible)
+                add_counts(totals, visible.diagnostics)
+            return
+        even = max(isolines + isolines % 2, 4)
+        for found, counts, group in self._finder.radial(p, n, even, progress):
+            with KERNEL_LOCK:
+                value[rows[group]], estimate[rows[group]] = integrand.radial(found)
+            add_counts(totals, counts)
 
 
 def ambient_occlusion(
@@ -447,31 +474,10 @@ def at_valid_points(
     return Result(value, estimate, diagnostics) if full_output else value
 
 
-def _diagnose(found: VisibleIntervals | None, points: int, buried: int, isolines: int) -> dict[str, int]:
-    tally = np.zeros(N_TALLY, np.int64) if found is None else found.tally
-    return {
-        "points": points,
-        "isolines": isolines,
-        "buried": buried,
-        "fallback_isolines": 0 if found is None else found.covered,
-        "snapped_sides": int(tally[SNAPPED]),
-        "nodes_visited": int(tally[NODES]),
-        "edges_tested": int(tally[EDGES]),
-        "contour_edges": int(tally[CONTOURS]),
-        "crossings": int(tally[CROSSINGS]),
-    }
-
-
-def _add(totals: dict[str, int], more: Mapping[str, int]) -> None:
-    for key in totals:
-        if key != "isolines":
-            totals[key] += more[key]
-
-
 def _at_least_two(isolines: int) -> int:
     """A single isoline, at u = 0, meets no hemisphere of a normal along x."""
     return max(positive_int(isolines, "isolines", 1, MAX_ISOLINES), 2)
 
 
-def _n_bytes(arrays: EdgeHierarchy | Any) -> int:
+def _n_bytes(arrays: Any) -> int:
     return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray))

@@ -20,6 +20,7 @@ __all__ = [
     "normals_array",
     "points_array",
     "positive_int",
+    "positive_number",
     "unit_vector",
 ]
 
@@ -227,6 +228,17 @@ def positive_int(value: Any, name: str, minimum: int = 1, maximum: int | None = 
     number = int(value)
     if number < minimum or (maximum is not None and number > maximum):
         raise InputError(f"{name} is {number}; expected an integer, {expected}")
+    return number
+
+
+def positive_number(value: Any, name: str) -> float:
+    """A finite number above 0, or one line that says what it was."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {_short(value)}; expected a number above 0") from None
+    if isinstance(value, bool) or not 0.0 < number < float("inf"):
+        raise InputError(f"{name} is {_short(value)}; expected a finite number above 0")
     return number
 
 

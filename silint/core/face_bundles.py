@@ -19,6 +19,11 @@ from silint.core.topology import Topology
 CENTRE, HALF, N_FIELDS = 0, 3, 6
 BLOCK = N_FIELDS * WIDTH
 
+# Fields of a face: its corners.
+N_CORNERS = 9
+CORNER_BLOCK = N_CORNERS * WIDTH
+FULL_SCALE = 32767.0  # what an int16 of 1 means
+
 _UP = 2.0**-22  # bounds are rounded up by this, relative to the scene
 
 
@@ -26,6 +31,9 @@ class FaceBundles(NamedTuple):
     """Faces in the order of the tree's leaves."""
 
     order: np.ndarray  # (F,) int32 faces of the topology
+    corners: (
+        np.ndarray
+    )  # (bundles * CORNER_BLOCK,) int16, relative to the bundle's centre and longest half width
     nodes: np.ndarray  # (blocks * BLOCK,) float32, level by level, bundles first
     levels: np.ndarray  # (depth + 1,) int64: first block of each level
 
@@ -44,7 +52,9 @@ def build_face_bundles(topology: Topology) -> FaceBundles:
             size,
             nodes[levels[level] * BLOCK : levels[level + 1] * BLOCK],
         )
-    return FaceBundles(order, nodes, levels)
+    corners = np.zeros(-(-len(order) // WIDTH) * CORNER_BLOCK, np.int16)
+    _quantise(topology.vertices, topology.faces, order, nodes, corners)
+    return FaceBundles(order, corners, nodes, levels)
 
 
 @njit(**PARALLEL)
@@ -63,8 +73,24 @@ def _bound_level(vertices, faces, order, size, nodes):
                         low, high = min(low, x), max(high, x)
                 if first < last:
                     middle = np.float32(0.5 * (low + high))
-                    half = max(high - middle, middle - low) * (1.0 + _UP) + _UP
+                    half = np.float32(max(high - middle, middle - low) * (1.0 + _UP) + _UP)
                 else:
-                    middle, half = np.float32(0.0), -1e30  # met by nothing
+                    middle, half = np.float32(0.0), np.float32(-1e30)  # met by nothing
                 nodes[base + (CENTRE + axis) * WIDTH] = middle
                 nodes[base + (HALF + axis) * WIDTH] = half
+
+
+@njit(**PARALLEL)
+def _quantise(vertices, faces, order, nodes, corners):
+    for bundle in prange(len(corners) // CORNER_BLOCK):
+        base = (bundle // WIDTH) * BLOCK + bundle % WIDTH
+        widest = 0.0
+        for axis in range(3):
+            widest = max(widest, nodes[base + (HALF + axis) * WIDTH])
+        scale = FULL_SCALE / widest
+        for lane in range(min(WIDTH, len(order) - bundle * WIDTH)):
+            f = order[bundle * WIDTH + lane]
+            for c in range(3):
+                for axis in range(3):
+                    x = (vertices[faces[f, c], axis] - nodes[base + (CENTRE + axis) * WIDTH]) * scale
+                    corners[bundle * CORNER_BLOCK + (3 * c + axis) * WIDTH + lane] = np.int16(np.rint(x))

@@ -13,6 +13,8 @@ whatever rounding does to where exactly: so the crossings of closed contours can
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -37,6 +39,7 @@ def _fixed_rotation() -> np.ndarray:
 
 
 _G = tuple(float(x) for x in _fixed_rotation().ravel())
+NORMAL_ALONG_AXIS = _G[8]
 _G00, _G01, _G02, _G10, _G11, _G12, _G20, _G21, _G22 = _G
 
 # atan(x) / x as a polynomial in x^2 for |x| <= tan(pi / 8), to rounding.
@@ -63,6 +66,24 @@ def line_table(n_lines: int) -> np.ndarray:
     return np.stack([np.cos(phi), np.sin(phi)], axis=1)
 
 
+def normal_table(lines: np.ndarray) -> np.ndarray:
+    """The normal seen from each line: its component along the line's t and the key of its horizon, (K, 2).
+
+    The frame is fixed to the normal, so these are the same for every shade point.
+    """
+    along = _G02 * lines[:, 0] + _G12 * lines[:, 1]
+    return np.stack([along, -along / _G22], axis=1)
+
+
+class RadialIntervals(NamedTuple):
+    """Visible intervals on the radial isolines of n points: what phase one knows, and phase two reads."""
+
+    normals: np.ndarray  # (n, 3) float64, unit
+    counts: np.ndarray  # (n, K) int32: intervals on each line
+    starts: np.ndarray  # (n,) int64: first row of each point's intervals, line by line
+    intervals: np.ndarray  # (m, 2) float64: keys of start (inf at the zenith) and end, from the zenith down
+
+
 @njit(**KERNEL)
 def set_frame(n, frame):
     """Write T, M, A of a unit normal to the rows of frame (3, 3) [Duff et al. 2017, then a fixed rotation]."""
@@ -80,15 +101,6 @@ def set_frame(n, frame):
     frame[2, 0] = _G20 * bx + _G21 * cx + _G22 * n[0]
     frame[2, 1] = _G20 * by + _G21 * cy + _G22 * n[1]
     frame[2, 2] = _G20 * bz + _G21 * cz + _G22 * n[2]
-
-
-@njit(**KERNEL)
-def horizon_key(n, frame, c, s):
-    """Key at which the line with cosine c and sine s meets the horizon of n."""
-    nt = n[0] * frame[0, 0] + n[1] * frame[0, 1] + n[2] * frame[0, 2]
-    nm = n[0] * frame[1, 0] + n[1] * frame[1, 1] + n[2] * frame[1, 2]
-    na = n[0] * frame[2, 0] + n[1] * frame[2, 1] + n[2] * frame[2, 2]
-    return -(nt * c + nm * s) / na
 
 
 @njit(**KERNEL)

@@ -11,13 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from silint.core.buffers import grow_rows, sort_pairs
+from silint.core.buffers import SHORT, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
-from silint.core.face_bundles import BLOCK as FACE_BLOCK
+from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
-from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
-from silint.core.radial import horizon_key, set_frame
+from silint.core.radial import set_frame
 from silint.core.search import (
     CANDIDATE_BLOCK,
     N_POINT,
@@ -29,7 +28,7 @@ from silint.core.search import (
     set_point,
     set_tile,
 )
-from silint.core.zenith import N_AXIS, gather_faces, set_axis, set_axis_tile, zenith_count
+from silint.core.zenith import N_AXIS, set_axis, zenith_count
 
 TILE = 32  # shade points that share a traversal
 
@@ -37,6 +36,21 @@ TILE = 32  # shade points that share a traversal
 NEGATIVE_LENGTH = 1e-9
 
 CONTRADICTED = -1  # in place of a number of intervals
+
+
+@njit(**INNER)
+def _sort_line(key, gain, lo, hi):
+    """Sort by rising key."""
+    if hi - lo > SHORT:
+        sort_pairs(key, gain, lo, hi)
+        return
+    for i in range(lo + 1, hi):
+        k, g = key[i], gain[i]
+        j = i - 1
+        while j >= lo and key[j] > k:
+            key[j + 1], gain[j + 1] = key[j], gain[j]
+            j -= 1
+        key[j + 1], gain[j + 1] = k, g
 
 
 @njit(**INNER)
@@ -76,7 +90,7 @@ def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts,
     n_lines = len(horizon)
     for k in range(n_lines):
         lo, hi = k * capacity, k * capacity + count[k]
-        sort_pairs(key, gain, lo, hi)
+        _sort_line(key, gain, lo, hi)
         first = n_found
         n_found, line_sound = _sweep_line(key, gain, lo, hi, horizon[k], w, found, n_found)
         sound = sound and line_sound
@@ -95,20 +109,16 @@ def _room(array, size):
 
 
 @njit(**INNER)
-def _sweep_tiles(
-    geometry, contour, boundary, faces, points, normals, lines, first, last, counts, starts, tally
-):
+def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first, last, counts, starts, tally):
     """Visible intervals of the points [first, last), tile by tile, in one list."""
     n_lines = len(lines)
     frame = np.empty((3, 3))
-    horizon = np.empty(n_lines)
-    tile, q, axes = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32), np.empty(N_AXIS, np.float32)
+    tile, q, axis = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32), np.empty(N_AXIS, np.float32)
+    narrow = lines.astype(np.float32)
     stack = np.empty((256, 2), np.int64)
     candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
     packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
-    near_faces, near_face_bundle = np.empty(8 * FACE_BLOCK, np.float32), np.empty(8 * WIDTH, np.int32)
-    scratch, side = np.empty((2, WIDTH), np.float32), np.empty(WIDTH, np.int32)
-    narrow = lines.astype(np.float32)
+    reach, side = np.empty(2 * WIDTH, np.int32), np.empty(WIDTH, np.int32)
     ids, sides = np.empty(1024, np.int32), np.empty(1024, np.int32)
     lanes, spans = np.empty(N_LANE_FIELDS * WIDTH), np.empty(N_SPAN_FIELDS * WIDTH, np.int32)
     capacity = 16
@@ -116,55 +126,39 @@ def _sweep_tiles(
     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
     found = np.empty((4 * TILE * n_lines, 2))
     n_found = 0
-    n_faces = (len(faces.order) + WIDTH - 1) // WIDTH
+    begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
         # What may matter to some point of the tile.
         set_tile(points, normals, tile_first, tile_last, tile)
         while True:
-            n_pairs = gather_candidates(
-                contour.nodes,
-                contour.levels,
-                contour.edges,
-                len(contour.ends),
-                tile,
-                stack,
-                candidates,
-                edge_ids,
-                0,
-            )
-            first_other = (n_pairs + WIDTH - 1) // WIDTH * WIDTH
-            n_candidates = gather_candidates(
-                boundary.nodes,
-                boundary.levels,
-                boundary.edges,
-                len(boundary.ends),
-                tile,
-                stack,
-                candidates,
-                edge_ids,
-                first_other,
-            )
+            n_candidates = 0
+            for which in range(2):
+                tree = trees[which]
+                begin[which] = (n_candidates + WIDTH - 1) // WIDTH * WIDTH
+                n_candidates = end[which] = gather_candidates(
+                    tree.nodes,
+                    tree.levels,
+                    tree.edges,
+                    len(tree.ends),
+                    tile,
+                    stack,
+                    candidates,
+                    edge_ids,
+                    begin[which],
+                )
             if n_candidates <= len(edge_ids):
                 break
             n_blocks = (n_candidates + n_candidates // 2) // (WIDTH * WIDTH) + 1
             candidates = np.empty(n_blocks * WIDTH * CANDIDATE_BLOCK, np.float32)
             packets = np.empty(n_blocks * PACKET_BLOCK, np.float32)
             edge_ids = np.empty(n_blocks * WIDTH * WIDTH, np.int32)
-        bound_packets(candidates, 0, n_pairs, packets)
-        bound_packets(candidates, first_other, n_candidates, packets)
+        for which in range(2):
+            bound_packets(candidates, begin[which], end[which], packets)
         centre = tile[0], tile[1], tile[2]
-        set_axis_tile(points, normals, tile_first, tile_last, frame, axes)
-        while True:
-            n_along = gather_faces(
-                faces.nodes, faces.levels, n_faces, axes, stack, near_faces, near_face_bundle
-            )
-            if n_along <= len(near_face_bundle):
-                break
-            n_along = (n_along + n_along // 2 + WIDTH) // WIDTH
-            near_faces = np.empty(n_along * FACE_BLOCK, np.float32)
-            near_face_bundle = np.empty(n_along * WIDTH, np.int32)
+        if len(ids) < n_candidates:
+            ids, sides = np.empty(2 * n_candidates, np.int32), np.empty(2 * n_candidates, np.int32)
 
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
@@ -173,36 +167,32 @@ def _sweep_tiles(
             set_point(p, n, frame, n_lines, centre, q)
             rounding = side_rounding(p)
             for k in range(n_lines):
-                horizon[k] = horizon_key(n, frame, lines[k, 0], lines[k, 1])
-            ids, sides = _room(ids, n_candidates), _room(sides, n_candidates)
-            n_ids = find_edges(
-                packets, candidates, edge_ids, 0, n_pairs, q, scratch, side, narrow, ids, sides, 0, tally[i]
-            )
-            n_other = find_edges(
-                packets,
-                candidates,
-                edge_ids,
-                first_other,
-                n_candidates,
-                q,
-                scratch,
-                side,
-                narrow,
-                ids,
-                sides,
-                n_ids,
-                tally[i],
-            )
-            while True:
-                for k in range(n_lines):
-                    count[k] = 0
+                count[k] = 0
+            which = 0
+            while which < 2:
+                tree = trees[which]
+                n_ids = find_edges(
+                    packets,
+                    candidates,
+                    edge_ids,
+                    begin[which],
+                    end[which],
+                    q,
+                    reach,
+                    side,
+                    narrow,
+                    ids,
+                    sides,
+                    0,
+                    tally[i],
+                )
                 fits = cross_edges(
                     geometry.vertices,
                     geometry.planes,
                     geometry.plane_errors,
-                    contour.ends,
-                    contour.offsets,
-                    contour.codes,
+                    tree.ends,
+                    tree.offsets,
+                    tree.codes,
                     ids,
                     sides,
                     0,
@@ -220,39 +210,35 @@ def _sweep_tiles(
                     gain,
                     capacity,
                     tally[i],
-                ) and cross_edges(
-                    geometry.vertices,
-                    geometry.planes,
-                    geometry.plane_errors,
-                    boundary.ends,
-                    boundary.offsets,
-                    boundary.codes,
-                    ids,
-                    sides,
-                    n_ids,
-                    n_other,
-                    p,
-                    n,
-                    frame,
-                    lines,
-                    horizon,
-                    rounding,
-                    lanes,
-                    spans,
-                    count,
-                    key,
-                    gain,
-                    capacity,
-                    tally[i],
                 )
-                if fits:
-                    break
-                capacity *= 2
-                key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
-                tally[i, CONTOURS] = tally[i, SNAPPED] = 0
-            set_axis(p, frame, axes)
+                which += 1
+                if not fits:
+                    # Once more, with more room.
+                    capacity *= 2
+                    key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
+                    for j in range(tally.shape[1]):
+                        tally[i, j] = 0
+                    for k in range(n_lines):
+                        count[k] = 0
+                    which = 0
+            set_axis(p, frame, axis)
             w = zenith_count(
-                geometry, faces, near_faces, near_face_bundle, n_along, axes, p, n, frame, n_lines, rounding
+                geometry.vertices,
+                geometry.faces,
+                geometry.face_planes,
+                geometry.planes,
+                geometry.plane_errors,
+                faces.order,
+                faces.corners,
+                faces.nodes,
+                faces.levels,
+                axis,
+                stack,
+                p,
+                n,
+                frame,
+                n_lines,
+                rounding,
             )
             crossings = 0
             for k in range(n_lines):
@@ -274,6 +260,7 @@ def radial_intervals(
     points,
     normals,
     lines,
+    horizon,
     per_block,
     counts,
     starts,
@@ -292,8 +279,8 @@ def radial_intervals(
     points, normals : (n, 3) float64
         In scaled units and already displaced; unit normals. Neighbours in the array should be neighbours in
         space, and alike in normal.
-    lines : (K, 2) float64
-        See `radial.line_table`.
+    lines, horizon : (K, 2), (K,) float64
+        See `radial.line_table` and `radial.normal_table`.
     per_block : int
         Points of a block, a multiple of TILE.
     counts : (n, K) int32, out
@@ -310,7 +297,18 @@ def radial_intervals(
     for block in prange(len(intervals)):
         first, last = block * per_block, min((block + 1) * per_block, n)
         found, n_found = _sweep_tiles(
-            geometry, contour, boundary, faces, points, normals, lines, first, last, counts, starts, tally
+            geometry,
+            (contour, boundary),
+            faces,
+            points,
+            normals,
+            lines,
+            horizon,
+            first,
+            last,
+            counts,
+            starts,
+            tally,
         )
         needed[block] = n_found
         if n_found <= intervals.shape[1]:

@@ -40,8 +40,8 @@ from silint.core.lanes import WIDTH, lowest
 # A tile: centre and half width of its points and of its normals, and the slack of float32.
 POINT, POINT_HALF, TILE_NORMAL, TILE_NORMAL_HALF, TILE_SLACK, N_TILE = 0, 3, 6, 9, 12, 13
 
-# What the point filters read: p relative to the tile's centre, n, T, M, and slack, sectors a radian, radians a sector.
-P_POINT, P_NORMAL, P_T, P_M, P_SLACK, P_PER_RADIAN, P_RADIANS, N_POINT = 0, 3, 6, 9, 12, 13, 14, 15
+# What the point filters read: p relative to the tile's centre, n, T, M, and slack, and sectors a radian.
+P_POINT, P_NORMAL, P_T, P_M, P_SLACK, P_PER_RADIAN, N_POINT = 0, 3, 6, 9, 12, 13, 14
 
 # A packet: centre and radius about its vertices, relative to the tile's centre, and what these may be off by.
 PACKET_CENTRE, PACKET_RADIUS, PACKET_ERROR, N_PACKET = 0, 3, 4, 5
@@ -54,12 +54,15 @@ CANDIDATE_BLOCK = N_CANDIDATE * WIDTH
 _SLACK = 2.0**-20
 # An int16 edge is off by half a step in each coordinate, of position and of normal.
 _STEP = 0.52 / FULL_SCALE
+# A packet that may reach more lines than this is not tested against them: most of its edges cross one.
+FEW_LINES = 3
 # Error of the rough azimuth, in radians.
 _AZIMUTH_ERROR = 2e-4
 
 _UW, _U2, _U3 = np.uint64(WIDTH), np.uint64(2 * WIDTH), np.uint64(3 * WIDTH)
 _F = np.float32
-_ZERO, _HALF, _ONE, _SIXTH = _F(0.0), _F(0.5), _F(1.0), _F(1.0 / 6.0)
+_ZERO, _HALF, _ONE, _TINY, _MANY = _F(0.0), _F(0.5), _F(1.0), _F(1e-30), _F(1e6)
+_ASIN = _F(0.5 * np.pi - 1.0)
 # atan(x) / x on [0, 1] as a polynomial in x^2, to 1.5e-4.
 _A0, _A1, _A2, _A3 = _F(0.99921406), _F(-0.32117496), _F(0.14626446), _F(-0.03898651)
 _QUARTER, _TURN_HALF, _TURN = _F(0.5 * np.pi), _F(np.pi), _F(2.0 * np.pi)
@@ -84,7 +87,7 @@ def _azimuth(t, m):
     x, y = abs(t), abs(m)
     big = x if x > y else y
     small = y if x > y else x
-    q = small / (big + _F(1e-30))
+    q = small / (big + _TINY)
     s = q * q
     r = q * (_A0 + s * (_A1 + s * (_A2 + s * _A3)))
     r = _QUARTER - r if y > x else r
@@ -154,46 +157,44 @@ def tile_edge_mask(edges, bundle, x, y, z, radius, tile):
 
 
 @njit(**FILTER)
-def packet_mask(packets, block, q, lone, near):
+def packet_mask(packets, block, q, reach):
     """Lanes of a block of packets that may reach a line above the horizon.
 
-    Writes to `lone` (16,) the only line that a packet can reach, -1 where it may reach several, and to `near`
-    (16,) how far it is from the axis, at least.
+    Writes to `reach` (32,) the first line (perhaps below 0) that each packet may reach, and their number.
     """
     base = np.uint64(block) * np.uint64(PACKET_BLOCK)
     px, py, pz = q[0], q[1], q[2]
     nx, ny, nz = q[3], q[4], q[5]
     tx, ty, tz = q[6], q[7], q[8]
     mx, my, mz = q[9], q[10], q[11]
-    slack, per_radian, radians = q[12], q[13], q[14]
+    slack, per_radian = q[12], q[13]
     mask = np.uint32(0)
     for i in range(_UW):
         j = base + i
         x, y, z = packets[j] - px, packets[j + _UW] - py, packets[j + _U2] - pz
         radius = packets[j + _U3] + slack
         t, m = tx * x + ty * y + tz * z, mx * x + my * y + mz * z
-        s = _azimuth(t, m) * per_radian
-        line = np.floor(s)
-        d = abs(s - line - _HALF)
-        far = (_ONE - d) * radians - _F(_AZIMUTH_ERROR)
-        far = far if far < _ONE else _ONE
-        d = d * radians - _F(_AZIMUTH_ERROR)
+        # The packet spans an angle of asin(e) <= e + (pi / 2 - 1) e^3 about its azimuth.
         rho = np.sqrt(t * t + m * m)
-        near[i] = rho - radius
-        drop = (nx * x + ny * y + nz * z < -radius) | (rho * (d - d * d * d * _SIXTH) > radius)
-        lone[i] = line if rho * (far - far * far * far * _SIXTH) > radius else -_ONE
+        e = radius / (rho + _TINY)
+        wide = not (e < _ONE)
+        half = (e + _ASIN * e * e * e + _F(_AZIMUTH_ERROR)) * per_radian
+        middle = _azimuth(t, m) * per_radian - _HALF
+        first = np.ceil(middle - half)
+        number = np.floor(middle + half) - first + _ONE
+        reach[i] = np.int32(_ZERO if wide else first)
+        reach[i + _UW] = np.int32(_MANY if wide else number)
+        drop = (nx * x + ny * y + nz * z < -radius) | ((number < _ONE) & (not wide))
         mask |= np.uint32(not drop) << np.uint32(i)
     return np.int64(mask)
 
 
 @njit(**FILTER)
-def edge_mask(candidates, packet, near, off, q, side):
-    """Edges of a packet that may be contours above the horizon and cross a line.
+def edge_mask(candidates, packet, off, q, side):
+    """Edges of a packet that may be contours above the horizon.
 
     Parameters
     ----------
-    near : float
-        Distance of the packet from the point's axis, at least.
     off : float
         What a vertex may be off by.
     side : (16,) int32, out
@@ -203,75 +204,39 @@ def edge_mask(candidates, packet, near, off, q, side):
     base = np.uint64(packet) * np.uint64(CANDIDATE_BLOCK)
     px, py, pz = q[0], q[1], q[2]
     nx, ny, nz = q[3], q[4], q[5]
-    tx, ty, tz = q[6], q[7], q[8]
-    mx, my, mz = q[9], q[10], q[11]
-    per_radian = q[13]
-    off += q[12]
-    wrong = (off / (near if near > off else off) + _F(_AZIMUTH_ERROR)) * per_radian
+    horizon = nx * px + ny * py + nz * pz - off - q[12]
     mask = np.uint32(0)
     for i in range(_UW):
         j = base + i
-        f = (
-            candidates[j + _AX] * px
-            + candidates[j + _AY] * py
-            + candidates[j + _AZ] * pz
-            + candidates[j + _AO]
-        )
-        g = (
-            candidates[j + _BX] * px
-            + candidates[j + _BY] * py
-            + candidates[j + _BZ] * pz
-            + candidates[j + _BO]
-        )
+        f = candidates[j + _AX] * px + candidates[j + _AY] * py + candidates[j + _AZ] * pz
+        g = candidates[j + _BX] * px + candidates[j + _BY] * py + candidates[j + _BZ] * pz
+        f += candidates[j + _AO]
+        g += candidates[j + _BO]
         w = candidates[j + _WRONG]
         f_front, f_back, g_front, g_back = f > w, f < -w, g > w, g < -w
         side[i] = np.int32(f_front & g_back) - np.int32(f_back & g_front)
-        ax, ay, az = candidates[j + _VX] - px, candidates[j + _VY] - py, candidates[j + _VZ] - pz
-        bx, by, bz = candidates[j + _WX] - px, candidates[j + _WY] - py, candidates[j + _WZ] - pz
-        below = (nx * ax + ny * ay + nz * az < -off) & (nx * bx + ny * by + nz * bz < -off)
-        s = _azimuth(tx * ax + ty * ay + tz * az, mx * ax + my * ay + mz * az) * per_radian + _HALF
-        r = _azimuth(tx * bx + ty * by + tz * bz, mx * bx + my * by + mz * bz) * per_radian + _HALF
-        low = s if s < r else r
-        high = r if s < r else s
-        between = high + wrong < np.floor(low - wrong) + _ONE
-        drop = (f_front & g_front) | (f_back & g_back) | below | between
+        a = nx * candidates[j + _VX] + ny * candidates[j + _VY] + nz * candidates[j + _VZ]
+        b = nx * candidates[j + _WX] + ny * candidates[j + _WY] + nz * candidates[j + _WZ]
+        drop = (f_front & g_front) | (f_back & g_back) | ((a < horizon) & (b < horizon))
         mask |= np.uint32(not drop) << np.uint32(i)
     return np.int64(mask)
 
 
 @njit(**FILTER)
-def edge_line_mask(candidates, packet, off, q, cosine, sine, side):
-    """The same, of a packet that can reach one line only."""
+def line_mask(candidates, packet, off, q, cosine, sine):
+    """Edges of a packet away from the axis that may cross one line."""
     base = np.uint64(packet) * np.uint64(CANDIDATE_BLOCK)
-    px, py, pz = q[0], q[1], q[2]
-    nx, ny, nz = q[3], q[4], q[5]
     off += q[12]
     # Normal of the half-plane.
     lx, ly, lz = q[9] * cosine - q[6] * sine, q[10] * cosine - q[7] * sine, q[11] * cosine - q[8] * sine
+    middle = lx * q[0] + ly * q[1] + lz * q[2]
+    left, right = middle + off, middle - off
     mask = np.uint32(0)
     for i in range(_UW):
         j = base + i
-        f = (
-            candidates[j + _AX] * px
-            + candidates[j + _AY] * py
-            + candidates[j + _AZ] * pz
-            + candidates[j + _AO]
-        )
-        g = (
-            candidates[j + _BX] * px
-            + candidates[j + _BY] * py
-            + candidates[j + _BZ] * pz
-            + candidates[j + _BO]
-        )
-        w = candidates[j + _WRONG]
-        f_front, f_back, g_front, g_back = f > w, f < -w, g > w, g < -w
-        side[i] = np.int32(f_front & g_back) - np.int32(f_back & g_front)
-        ax, ay, az = candidates[j + _VX] - px, candidates[j + _VY] - py, candidates[j + _VZ] - pz
-        bx, by, bz = candidates[j + _WX] - px, candidates[j + _WY] - py, candidates[j + _WZ] - pz
-        below = (nx * ax + ny * ay + nz * az < -off) & (nx * bx + ny * by + nz * bz < -off)
-        s, r = lx * ax + ly * ay + lz * az, lx * bx + ly * by + lz * bz
-        beside = ((s > off) & (r > off)) | ((s < -off) & (r < -off))
-        drop = (f_front & g_front) | (f_back & g_back) | below | beside
+        a = lx * candidates[j + _VX] + ly * candidates[j + _VY] + lz * candidates[j + _VZ]
+        b = lx * candidates[j + _WX] + ly * candidates[j + _WY] + lz * candidates[j + _WZ]
+        drop = ((a > left) & (b > left)) | ((a < right) & (b < right))
         mask |= np.uint32(not drop) << np.uint32(i)
     return np.int64(mask)
 
@@ -304,7 +269,6 @@ def set_point(p, n, frame, n_lines, tile_centre, q):
         size = max(size, abs(p[i]))
     q[P_SLACK] = _SLACK * size
     q[P_PER_RADIAN] = n_lines / (2.0 * np.pi)
-    q[P_RADIANS] = 2.0 * np.pi / n_lines
 
 
 @njit(**INNER)
@@ -416,25 +380,26 @@ def bound_packets(candidates, first, last, packets):
 
 
 @njit(**INNER)
-def find_edges(packets, candidates, edge_ids, first, last, q, scratch, side, lines, ids, sides, n_ids, tally):
+def find_edges(packets, candidates, edge_ids, first, last, q, reach, side, lines, ids, sides, n_ids, tally):
     """Append those of the candidates [first, last) that a shade point needs; first is a multiple of 16.
 
     Parameters
     ----------
     q : (N_POINT,) float32
         See `set_point`.
-    scratch, side : (2, 16) float32, (16,) int32
+    reach, side : (32,) int32, (16,) int32
+        Scratch.
     lines : (K, 2) float32
         Cosine and sine of the lines.
     ids, sides : int32
-        Edges of the tree, and on which side of their faces the point is (`edge_mask`); with room for all candidates.
+        Edges of the tree, and on which side of their faces the point is (`edge_mask`), with room for all
+        candidates.
     """
     nodes, tested = 0, 0
-    lone, near = scratch[0], scratch[1]
     n_lines = len(lines)
     first_packet, last_packet = first // WIDTH, (last + WIDTH - 1) // WIDTH
     for block in range(first_packet // WIDTH, (last_packet + WIDTH - 1) // WIDTH):
-        mask = packet_mask(packets, block, q, lone, near)
+        mask = packet_mask(packets, block, q, reach)
         nodes += 1
         while mask != 0:
             lane = lowest(mask)
@@ -444,12 +409,13 @@ def find_edges(packets, candidates, edge_ids, first, last, q, scratch, side, lin
                 continue
             tested += WIDTH
             off = packets[block * PACKET_BLOCK + PACKET_ERROR * WIDTH + lane]
-            k = int(lone[lane])
-            if k < 0:
-                hits = edge_mask(candidates, packet, near[lane], off, q, side)
-            else:
-                k = k if k < n_lines else 0
-                hits = edge_line_mask(candidates, packet, off, q, lines[k, 0], lines[k, 1], side)
+            hits = edge_mask(candidates, packet, off, q, side)
+            if hits != 0 and reach[WIDTH + lane] <= FEW_LINES:
+                crossed = 0
+                for k in range(reach[lane], reach[lane] + reach[WIDTH + lane]):
+                    k = k + n_lines if k < 0 else (k - n_lines if k >= n_lines else k)
+                    crossed |= line_mask(candidates, packet, off, q, lines[k, 0], lines[k, 1])
+                hits &= crossed
             while hits != 0:
                 i = lowest(hits)
                 hits &= hits - 1

@@ -8,8 +8,13 @@ import numpy as np
 
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
+from silint.core.bundles import EdgeBundles
 from silint.core.edge_hierarchy import EdgeHierarchy
+from silint.core.face_bundles import FaceBundles
 from silint.core.face_hierarchy import FaceHierarchy
+from silint.core.partition import aligned_order
+from silint.core.radial import RadialIntervals, line_table, normal_table
+from silint.core.radial_sweep import TILE, radial_intervals
 from silint.core.sweep import BLOCK, CONTRADICTED, visible_intervals
 from silint.core.topology import Topology
 
@@ -22,6 +27,14 @@ class Trees(NamedTuple):
     face: FaceHierarchy
 
 
+class Bundles(NamedTuple):
+    """The wide hierarchies over a scene."""
+
+    contour: EdgeBundles  # edges with two faces
+    boundary: EdgeBundles  # all other edges
+    face: FaceBundles
+
+
 class VisibleIntervals(NamedTuple):
     """Visible intervals on the isolines of n points."""
 
@@ -29,6 +42,71 @@ class VisibleIntervals(NamedTuple):
     intervals: np.ndarray  # (m, 2) float64 loop coordinates
     tally: np.ndarray  # (N_TALLY,) int64: what the search counted
     covered: int  # isolines that were covered because their depth counts contradicted each other
+
+
+# A unit of difference in normals counts like this part of the points' extent when they are put in tiles.
+_TILE_NORMAL = 0.1
+
+
+def tile_order(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """An order in which every run of TILE points are neighbours in space and alike in normal."""
+    extent = max(float(np.ptp(points, axis=0).max()), 1e-30)
+    return aligned_order(
+        np.concatenate([points / extent, _TILE_NORMAL * normals], axis=1, dtype=np.float32), TILE
+    )
+
+
+def find_radial(
+    geometry: Topology,
+    bundles: Bundles,
+    points: np.ndarray,
+    normals: np.ndarray,
+    isolines: int,
+    per_block: int,
+    capacity: int,
+) -> tuple[RadialIntervals, np.ndarray] | int:
+    """Visible intervals on radial isolines.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64
+        In scaled units, lifted, in tile order; unit normals.
+    per_block : int
+        Points that a thread takes at a time, a multiple of TILE.
+    capacity : int
+        Intervals for which such a block has room.
+
+    Returns
+    -------
+    RadialIntervals and the tally of the search (N_TALLY,), or the capacity that is needed. The counts of points
+    whose depth counts contradict each other are CONTRADICTED.
+    """
+    n = len(points)
+    lines = line_table(isolines)
+    horizon = np.ascontiguousarray(normal_table(lines)[:, 1])
+    counts, starts = np.empty((n, isolines), np.int32), np.empty(n, np.int64)
+    blocks = -(-n // per_block)
+    intervals = np.empty((blocks, capacity, 2))
+    needed = np.zeros(blocks, np.int64)
+    tally = np.zeros((n, N_TALLY), np.int64)
+    radial_intervals(
+        geometry,
+        *bundles,
+        points,
+        normals,
+        lines,
+        horizon,
+        per_block,
+        counts,
+        starts,
+        intervals,
+        needed,
+        tally,
+    )
+    if needed.max(initial=0) > capacity:
+        return int(needed.max())
+    starts += capacity * (np.arange(n) // per_block)
+    return RadialIntervals(normals, counts, starts, intervals.reshape(-1, 2)), tally.sum(axis=0)
 
 
 def find_visible(

@@ -1,0 +1,197 @@
+"""Phase one for the integrator: shade points in chunks to visible intervals, on either family of isolines."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.core.bundles import build_edge_bundles
+from silint.core.contour import CONTOURS, CROSSINGS, EDGES, N_TALLY, NODES, SNAPPED
+from silint.core.edge_hierarchy import build_edge_hierarchies
+from silint.core.face_bundles import build_face_bundles
+from silint.core.face_hierarchy import build_face_hierarchy
+from silint.core.lift import lift_points
+from silint.core.radial import RadialIntervals
+from silint.core.radial_sweep import CONTRADICTED, TILE
+from silint.core.sweep import BLOCK
+from silint.core.visible import (
+    Bundles,
+    Trees,
+    VisibleIntervals,
+    cover_visible,
+    find_radial,
+    find_visible,
+    tile_order,
+)
+from silint.scene import Scene
+from silint.validation import InputError, normals_array, points_array
+from silint.visibility import FloatArray, Visibility
+
+Progress = Callable[[int, int], None]
+
+# Shade points are lifted along their normals by the first distance, and off the faces that touch them and
+# hold their normal by the second; a face touches within the third (core.lift). In units of the scene, for
+# points that are exact in float64 and for coordinates that came as float32. Far above the rounding of the
+# mesh, so that an edge below a lifted point keeps its direction to 1e-5; far below any feature of a mesh.
+LIFT = (2.0**-36, 2.0**-44, 2.0**-48)
+LIFT_FLOAT32 = (2.0**-18, 2.0**-21, 2.0**-23)
+
+# A call into the kernels is kept near this time, so that Ctrl-C and progress bars stay responsive.
+_CHUNK_SECONDS = 0.2
+_CHUNK_BYTES = 1 << 28
+
+# Points that are put into tiles together. More make better tiles and take more memory.
+_TILED_POINTS = 1 << 17
+# Points that a thread takes at a time.
+_PER_BLOCK = 8 * TILE
+
+# Numba's simplest threading layer may not be entered twice at a time.
+KERNEL_LOCK = threading.Lock()
+
+
+class VisibleFinder:
+    """The hierarchies over a scene, and what is visible past it."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.geometry = scene.topology
+        contour, boundary, self.flat_edges = build_edge_hierarchies(self.geometry)
+        self.trees = Trees(contour, boundary, build_face_hierarchy(self.geometry))
+        pairs, others, _ = build_edge_bundles(self.geometry)
+        self.bundles = Bundles(pairs, others, build_face_bundles(self.geometry))
+
+    def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Points in scaled units, lifted along their unit normals."""
+        p, float32_points = points_array(points)
+        n = normals_array(normals, len(p))
+        with np.errstate(over="ignore"):
+            p = np.ldexp(p, -self.scene.welding.exponent)
+        far = np.flatnonzero(~(np.abs(p) < 1e100).all(axis=1))
+        if len(far):
+            raise InputError(f"points row {far[0]} lies more than 1e100 scene extents away")
+        lift = LIFT_FLOAT32 if float32_points or self.scene.float32_source else LIFT
+        lifted = np.empty_like(p)
+        with KERNEL_LOCK:
+            lift_points(self.geometry, self.trees.face, p, n, *lift, lifted)
+        return lifted, n
+
+    def octahedral(
+        self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None, cover_all: bool = False
+    ) -> Iterator[tuple[Visibility, slice]]:
+        """Visible intervals of consecutive runs of points, each found in about _CHUNK_SECONDS."""
+        size, capacity, done = 2 * BLOCK, 4 * BLOCK * isolines, 0
+        while done < len(p):
+            rows = slice(done, min(done + size, len(p)))
+            began = time.perf_counter()
+            with KERNEL_LOCK:
+                found: VisibleIntervals | int
+                if cover_all:
+                    found = cover_visible(self.geometry, self.trees, p[rows], n[rows], isolines)
+                else:
+                    found = find_visible(self.geometry, self.trees, p[rows], n[rows], isolines, capacity)
+            most_blocks = max(_CHUNK_BYTES // (16 * capacity), 1)
+            if isinstance(found, int):
+                # Grow the buffers, in fewer points at a time if they would become large.
+                capacity = found + found // 4
+                size = min(size, BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1))
+                continue
+            seen = np.diff(found.offsets[::isolines])
+            diagnostics = diagnose(found, len(seen), int((seen == 0).sum()), isolines)
+            yield (
+                Visibility(n[rows], isolines, found.offsets, found.intervals, "octahedral", diagnostics),
+                rows,
+            )
+            done = rows.stop
+            if progress is not None:
+                progress(done, len(p))
+            factor = _CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)
+            size = BLOCK * min(max(int(size * min(max(factor, 0.25), 4.0)) // BLOCK, 1), most_blocks)
+
+    def radial(
+        self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None
+    ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int32]]]:
+        """Visible intervals on radial isolines of groups of points, what was counted, and their rows."""
+        size, done = 4 * _PER_BLOCK, 0
+        capacity = 2 * _PER_BLOCK * isolines
+        for start in range(0, len(p), _TILED_POINTS):
+            chunk = slice(start, min(start + _TILED_POINTS, len(p)))
+            with KERNEL_LOCK:
+                order = tile_order(p[chunk], n[chunk])
+            points, normals = p[chunk][order], n[chunk][order]
+            first = 0
+            while first < len(order):
+                group = slice(first, min(first + size, len(order)))
+                began = time.perf_counter()
+                with KERNEL_LOCK:
+                    found = find_radial(
+                        self.geometry,
+                        self.bundles,
+                        points[group],
+                        normals[group],
+                        isolines,
+                        _PER_BLOCK,
+                        capacity,
+                    )
+                most = _PER_BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1)
+                if isinstance(found, int):
+                    capacity = found + found // 4
+                    size = min(size, _PER_BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1))
+                    continue
+                visible, tally = found
+                failed = int((visible.counts[:, 0] == CONTRADICTED).sum())
+                totals = diagnose(
+                    None, len(visible.counts), int((~visible.counts.any(axis=1)).sum()), isolines
+                )
+                totals["fallback_isolines"] = failed * isolines
+                count_work(totals, tally)
+                yield visible, totals, start + order[group]
+                first = group.stop
+                done += group.stop - group.start
+                if progress is not None:
+                    progress(done, len(p))
+                factor = _CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)
+                size = _PER_BLOCK * max(int(size * min(max(factor, 0.25), 4.0)) // _PER_BLOCK, 1)
+                size = min(size, most)
+
+
+def diagnose(found: VisibleIntervals | None, points: int, buried: int, isolines: int) -> dict[str, int]:
+    """Counts of a group of points; see `SilhouetteIntegrator`."""
+    totals = {
+        "points": points,
+        "isolines": isolines,
+        "buried": buried,
+        "fallback_isolines": 0 if found is None else found.covered,
+        "snapped_sides": 0,
+        "nodes_visited": 0,
+        "edges_tested": 0,
+        "contour_edges": 0,
+        "crossings": 0,
+    }
+    if found is not None:
+        count_work(totals, found.tally)
+    return totals
+
+
+def count_work(totals: dict[str, int], tally: npt.NDArray[np.int64]) -> None:
+    """Add what a search counted."""
+    for name, column in (
+        ("snapped_sides", SNAPPED),
+        ("nodes_visited", NODES),
+        ("edges_tested", EDGES),
+        ("contour_edges", CONTOURS),
+        ("crossings", CROSSINGS),
+    ):
+        totals[name] += int(tally[column])
+
+
+def add_counts(totals: dict[str, int], more: Mapping[str, int]) -> None:
+    """Add the counts of another group of points."""
+    for key in totals:
+        if key == "isolines":
+            totals[key] = max(totals[key], more[key])
+        else:
+            totals[key] += more[key]
