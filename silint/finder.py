@@ -10,17 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.bundles import build_edge_bundles
-from silint.core.contour import CONTOURS, CROSSINGS, EDGES, N_TALLY, NODES, SNAPPED
-from silint.core.edge_hierarchy import build_edge_hierarchies
+from silint.core.contour import CONTOURS, CROSSINGS, EDGES, NODES, SNAPPED
 from silint.core.face_bundles import build_face_bundles
-from silint.core.face_hierarchy import build_face_hierarchy
 from silint.core.lift import lift_points
 from silint.core.radial import RadialIntervals
-from silint.core.radial_sweep import CONTRADICTED, TILE
-from silint.core.sweep import BLOCK
+from silint.core.radial_sweep import CONTRADICTED
+from silint.core.search import TILE
 from silint.core.visible import (
     Bundles,
-    Trees,
     VisibleIntervals,
     cover_visible,
     find_radial,
@@ -59,10 +56,8 @@ class VisibleFinder:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.geometry = scene.topology
-        contour, boundary, self.flat_edges = build_edge_hierarchies(self.geometry)
-        self.trees = Trees(contour, boundary, build_face_hierarchy(self.geometry))
-        pairs, others, _ = build_edge_bundles(self.geometry)
-        self.bundles = Bundles(pairs, others, build_face_bundles(self.geometry))
+        contour, boundary, self.flat_edges = build_edge_bundles(self.geometry)
+        self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry))
 
     def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Points in scaled units, lifted along their unit normals."""
@@ -76,55 +71,67 @@ class VisibleFinder:
         lift = LIFT_FLOAT32 if float32_points or self.scene.float32_source else LIFT
         lifted = np.empty_like(p)
         with KERNEL_LOCK:
-            lift_points(self.geometry, self.trees.face, p, n, *lift, lifted)
+            lift_points(self.geometry, self.bundles.face, p, n, *lift, lifted)
         return lifted, n
 
     def octahedral(
-        self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None, cover_all: bool = False
-    ) -> Iterator[tuple[Visibility, slice]]:
-        """Visible intervals of consecutive runs of points, each found in about _CHUNK_SECONDS."""
-        size, capacity, done = 2 * BLOCK, 4 * BLOCK * isolines, 0
-        while done < len(p):
-            rows = slice(done, min(done + size, len(p)))
-            began = time.perf_counter()
-            with KERNEL_LOCK:
-                found: VisibleIntervals | int
-                if cover_all:
-                    found = cover_visible(self.geometry, self.trees, p[rows], n[rows], isolines)
-                else:
-                    found = find_visible(self.geometry, self.trees, p[rows], n[rows], isolines, capacity)
-            most_blocks = max(_CHUNK_BYTES // (16 * capacity), 1)
-            if isinstance(found, int):
-                # Grow the buffers, in fewer points at a time if they would become large.
-                capacity = found + found // 4
-                size = min(size, BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1))
-                continue
-            seen = np.diff(found.offsets[::isolines])
-            diagnostics = diagnose(found, len(seen), int((seen == 0).sum()), isolines)
-            yield (
-                Visibility(n[rows], isolines, found.offsets, found.intervals, "octahedral", diagnostics),
-                rows,
-            )
-            done = rows.stop
-            if progress is not None:
-                progress(done, len(p))
-            factor = _CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)
-            size = BLOCK * min(max(int(size * min(max(factor, 0.25), 4.0)) // BLOCK, 1), most_blocks)
+        self,
+        p: FloatArray,
+        n: FloatArray,
+        isolines: int,
+        progress: Progress | None,
+        cover_all: bool = False,
+    ) -> Iterator[tuple[Visibility, npt.NDArray[np.int64]]]:
+        """Visible intervals on octahedral isolines of groups of points, and their rows."""
+        capacity, done = 4 * TILE * isolines, 0
+        for points, normals, rows in self._in_tiles(p, n):
+            first, size = 0, 4 * TILE
+            while first < len(rows):
+                group = slice(first, min(first + size, len(rows)))
+                began = time.perf_counter()
+                with KERNEL_LOCK:
+                    found: VisibleIntervals | int
+                    if cover_all:
+                        found = cover_visible(
+                            self.geometry, self.bundles, points[group], normals[group], isolines
+                        )
+                    else:
+                        found = find_visible(
+                            self.geometry, self.bundles, points[group], normals[group], isolines, capacity
+                        )
+                if isinstance(found, int):
+                    # Grow the buffers, in fewer points at a time if they would become large.
+                    capacity = found + found // 4
+                    size = _next_size(size, TILE, capacity, 1.0)
+                    continue
+                seen = np.diff(found.offsets[::isolines])
+                diagnostics = diagnose(found, len(seen), int((seen == 0).sum()), isolines)
+                yield (
+                    Visibility(
+                        normals[group],
+                        isolines,
+                        found.offsets,
+                        found.intervals,
+                        "octahedral",
+                        diagnostics,
+                    ),
+                    rows[group],
+                )
+                first = group.stop
+                done += len(seen)
+                if progress is not None:
+                    progress(done, len(p))
+                size = _next_size(size, TILE, capacity, time.perf_counter() - began)
 
     def radial(
         self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None
-    ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int32]]]:
+    ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int64]]]:
         """Visible intervals on radial isolines of groups of points, what was counted, and their rows."""
-        size, done = 4 * _PER_BLOCK, 0
-        capacity = 2 * _PER_BLOCK * isolines
-        for start in range(0, len(p), _TILED_POINTS):
-            chunk = slice(start, min(start + _TILED_POINTS, len(p)))
-            with KERNEL_LOCK:
-                order = tile_order(p[chunk], n[chunk])
-            points, normals = p[chunk][order], n[chunk][order]
-            first = 0
-            while first < len(order):
-                group = slice(first, min(first + size, len(order)))
+        capacity, done = 2 * _PER_BLOCK * isolines, 0
+        for points, normals, rows in self._in_tiles(p, n):
+            first, size = 0, 4 * _PER_BLOCK
+            while first < len(rows):
+                group = slice(first, min(first + size, len(rows)))
                 began = time.perf_counter()
                 with KERNEL_LOCK:
                     found = find_radial(
@@ -136,10 +143,9 @@ class VisibleFinder:
                         _PER_BLOCK,
                         capacity,
                     )
-                most = _PER_BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1)
                 if isinstance(found, int):
                     capacity = found + found // 4
-                    size = min(size, _PER_BLOCK * max(_CHUNK_BYTES // (16 * capacity), 1))
+                    size = _next_size(size, _PER_BLOCK, capacity, 1.0)
                     continue
                 visible, tally = found
                 failed = int((visible.counts[:, 0] == CONTRADICTED).sum())
@@ -148,14 +154,29 @@ class VisibleFinder:
                 )
                 totals["fallback_isolines"] = failed * isolines
                 count_work(totals, tally)
-                yield visible, totals, start + order[group]
+                yield visible, totals, rows[group]
                 first = group.stop
                 done += group.stop - group.start
                 if progress is not None:
                     progress(done, len(p))
-                factor = _CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)
-                size = _PER_BLOCK * max(int(size * min(max(factor, 0.25), 4.0)) // _PER_BLOCK, 1)
-                size = min(size, most)
+                size = _next_size(size, _PER_BLOCK, capacity, time.perf_counter() - began)
+
+    def _in_tiles(
+        self, p: FloatArray, n: FloatArray
+    ) -> Iterator[tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]]:
+        """Points and normals in tile order, and their rows, some at a time."""
+        for start in range(0, len(p), _TILED_POINTS):
+            chunk = slice(start, min(start + _TILED_POINTS, len(p)))
+            with KERNEL_LOCK:
+                order = tile_order(p[chunk], n[chunk])
+            yield p[chunk][order], n[chunk][order], start + order.astype(np.int64)
+
+
+def _next_size(size: int, block: int, capacity: int, seconds: float) -> int:
+    """How many points to take next: for _CHUNK_SECONDS, in whole blocks whose buffers stay small."""
+    factor = min(max(_CHUNK_SECONDS / max(seconds, 1e-9), 0.25), 4.0)
+    most = max(_CHUNK_BYTES // (16 * capacity), 1)
+    return block * min(max(int(size * factor) // block, 1), most)
 
 
 def diagnose(found: VisibleIntervals | None, points: int, buried: int, isolines: int) -> dict[str, int]:

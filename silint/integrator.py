@@ -181,7 +181,6 @@ class SilhouetteIntegrator:
         -------
         (n, 3) float64, or Result
         """
-
         integrand = _Integrand(
             (3,),
             lambda v: fractions.bent_normal(v.normals, (v.offsets, v.intervals), v.isolines),
@@ -208,20 +207,21 @@ class SilhouetteIntegrator:
         lines = _at_least_two(isolines)
         p, n = self._finder.shade_points(points, normals)
         totals = diagnose(None, 0, 0, lines)
-        lengths, intervals = [np.zeros(1, np.int64)], [np.zeros((0, 2))]
-        for visible, _ in self._finder.octahedral(p, n, lines, progress):
+        lengths, intervals, rows = [], [], []
+        for visible, group in self._finder.octahedral(p, n, lines, progress):
             lengths.append(np.diff(visible.offsets))
             intervals.append(visible.intervals)
+            rows.append(group)
             add_counts(totals, visible.diagnostics)
-        offsets = np.cumsum(np.concatenate(lengths))
-        return Visibility(n, lines, offsets, np.concatenate(intervals), diagnostics=totals)
+        offsets, found = _in_rows(len(p), lines, lengths, intervals, rows)
+        return Visibility(n, lines, offsets, found, diagnostics=totals)
 
     # ------------------------------------------------------------------ what is built, and why
 
     @property
     def plan(self) -> Plan:
         """What the scene needs, whatever will be asked of it."""
-        contour, boundary, _ = self._finder.trees
+        contour, boundary, _ = self._finder.bundles
         defects = self.scene.defects
         others = defects["boundary_edges"] + defects["non_manifold_edges"]
         return Plan(
@@ -278,7 +278,7 @@ class SilhouetteIntegrator:
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
         orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
         used = orders.get(request, {1, 2} if request == "bent_normals" else set())
-        has_boundary = len(self._finder.trees.boundary.ends) > 0
+        has_boundary = len(self._finder.bundles.boundary.ends) > 0
         tables = tuple(
             Part(
                 name,
@@ -317,7 +317,7 @@ class SilhouetteIntegrator:
     @property
     def memory(self) -> dict[str, int]:
         """Bytes of topology and hierarchies, by part."""
-        contour, boundary, face_tree = self._finder.trees
+        contour, boundary, face_tree = self._finder.bundles
         return {
             "topology": _n_bytes(self._finder.geometry),
             "contour hierarchy": _n_bytes(contour),
@@ -472,6 +472,27 @@ def at_valid_points(
     estimate[valid] = result.error_estimate
     diagnostics = {**result.diagnostics, "without_normal": int((~np.asarray(valid)).sum())}
     return Result(value, estimate, diagnostics) if full_output else value
+
+
+def _in_rows(
+    n: int,
+    isolines: int,
+    lengths: list[npt.NDArray[np.int64]],
+    intervals: list[FloatArray],
+    rows: list[npt.NDArray[np.int64]],
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Offsets and intervals in the order of the points, from groups of points in any order."""
+    counts = np.zeros((n, isolines), np.int64)
+    for length, group in zip(lengths, rows, strict=True):
+        counts[group] = length.reshape(-1, isolines)
+    offsets = np.concatenate([[0], np.cumsum(counts.ravel())])
+    ordered = np.empty((offsets[-1], 2))
+    for length, found, group in zip(lengths, intervals, rows, strict=True):
+        per_point = length.reshape(-1, isolines).sum(axis=1)
+        before = np.cumsum(per_point) - per_point
+        shift = offsets[group * isolines] - before
+        ordered[np.repeat(shift, per_point) + np.arange(len(found))] = found
+    return offsets, ordered
 
 
 def _at_least_two(isolines: int) -> int:

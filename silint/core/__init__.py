@@ -1,4 +1,5 @@
 """Kernels: NumPy and Numba only, no I/O, no validation; every function trusts its input.
 
-scene -> topology -> edge_hierarchy, face_hierarchy -> contour -> octahedral -> sweep | cover -> integrands
+scene -> topology -> bundles, face_bundles -> search -> crossings | octahedral -> radial_sweep | sweep | cover
+-> integrands
 """

@@ -14,10 +14,11 @@ from numba import njit, prange
 
 from silint.core.buffers import grow, grow_rows, sort_pairs
 from silint.core.contour import face_side, side_rounding
+from silint.core.face_bundles import BLOCK, CENTRE, HALF
 from silint.core.isolines import horizon_reach, isoline_u, start_corner, to_loop, turn
 from silint.core.jit import INNER, PARALLEL
+from silint.core.lanes import WIDTH
 from silint.core.octahedral import local
-from silint.core.partition import DONE, next_in_preorder, node_range
 
 COVER_BLOCK = 16  # isolines that share scratch memory
 
@@ -67,29 +68,23 @@ def _hidden_part(geometry, f, p, n, corner, c0, c1, front):
 
 
 @njit(**INNER)
-def _node_misses(boxes, node, p, n, corner, segments, slack):
+def _node_misses(nodes, base, p, n, corner, segments, slack):
     """True where a box lies below the horizon, or away from the planes of all four segments."""
-    x, y, z = boxes[node, 0] - p[0], boxes[node, 1] - p[1], boxes[node, 2] - p[2]
-    if (
-        n[0] * x
-        + n[1] * y
-        + n[2] * z
-        + abs(n[0]) * boxes[node, 3]
-        + abs(n[1]) * boxes[node, 4]
-        + abs(n[2]) * boxes[node, 5]
-        < -slack
-    ):
+    x = nodes[base + CENTRE * WIDTH] - p[0]
+    y = nodes[base + (CENTRE + 1) * WIDTH] - p[1]
+    z = nodes[base + (CENTRE + 2) * WIDTH] - p[2]
+    hx, hy, hz = (
+        nodes[base + HALF * WIDTH],
+        nodes[base + (HALF + 1) * WIDTH],
+        nodes[base + (HALF + 2) * WIDTH],
+    )
+    if n[0] * x + n[1] * y + n[2] * z + abs(n[0]) * hx + abs(n[1]) * hy + abs(n[2]) * hz < -slack:
         return True
     up, side = turn(y, z, corner)
-    half_up, half_side = (
-        (boxes[node, 4], boxes[node, 5]) if corner % 2 == 0 else (boxes[node, 5], boxes[node, 4])
-    )
+    half_up, half_side = (hy, hz) if corner % 2 == 0 else (hz, hy)
     for i in range(4):
         a, b, c = segments[i, 0], segments[i, 1], segments[i, 2]
-        if (
-            abs(a * x + b * up + c * side)
-            <= abs(a) * boxes[node, 3] + abs(b) * half_up + abs(c) * half_side + slack
-        ):
+        if abs(a * x + b * up + c * side) <= abs(a) * hx + abs(b) * half_up + abs(c) * half_side + slack:
             return False
     return True
 
@@ -100,7 +95,7 @@ def _cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_ou
 
     Parameters
     ----------
-    tree : FaceHierarchy
+    tree : FaceBundles
     left, right : float
         Reach of the isoline above the horizon (octahedral.horizon_reach).
     out : (capacity, 2) float64
@@ -123,15 +118,24 @@ def _cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_ou
     # Collect what each face hides.
     lows, highs = np.empty(64), np.empty(64)
     n_hidden = 0
-    first_leaf = (1 << tree.depth) - 1
-    node = 0
-    while node != DONE:
-        if not _node_misses(tree.boxes, node, p, n, corner, segments, slack):
-            if node < first_leaf:
-                node = 2 * node + 1
+    stack = np.empty((256, 2), np.int64)
+    top = 1 if len(tree.order) > 0 else 0
+    stack[0, 0], stack[0, 1] = len(tree.levels) - 2, 0
+    while top > 0:
+        top -= 1
+        level, block = stack[top, 0], stack[top, 1]
+        for lane in range(WIDTH):
+            child = block * WIDTH + lane
+            if child * WIDTH ** (level + 1) >= len(tree.order):
+                break
+            base = (tree.levels[level] + block) * BLOCK + lane
+            if _node_misses(tree.nodes, base, p, n, corner, segments, slack):
                 continue
-            first, last = node_range(len(tree.order), tree.depth, node - first_leaf)
-            for j in range(first, last):
+            if level > 0:
+                stack[top, 0], stack[top, 1] = level - 1, child
+                top += 1
+                continue
+            for j in range(child * WIDTH, min((child + 1) * WIDTH, len(tree.order))):
                 f = tree.order[j]
                 front = face_side(geometry, f, p, n, rounding) > 0
                 for i in range(4):
@@ -143,7 +147,6 @@ def _cover_line(geometry, tree, p, n, corner, k, n_lines, left, right, out, n_ou
                         start = i if i < 2 else i - 4
                         lows[n_hidden], highs[n_hidden] = start + lo, start + hi
                         n_hidden += 1
-        node = next_in_preorder(node)
 
     # What lies between them is visible.
     sort_pairs(lows, highs, 0, n_hidden)
@@ -185,7 +188,7 @@ def covered_intervals(geometry, tree, points, normals, lines, n_lines, counts, i
     Parameters
     ----------
     geometry : Topology
-    tree : FaceHierarchy
+    tree : FaceBundles
     points, normals : (n, 3) float64
         As for `sweep.visible_intervals`.
     lines : (m, 2) int64

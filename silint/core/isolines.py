@@ -14,9 +14,6 @@ from numba import njit
 
 from silint.core.jit import INNER, KERNEL
 
-# Slack for rounding where bounds of u decide.
-_U_SLACK = 1e-12
-
 
 @njit(**KERNEL)
 def isoline_u(k, n_lines):
@@ -85,29 +82,3 @@ def to_loop(intervals, first, last, corner):
         elif start >= 4.0:
             start -= 4.0
         intervals[j, 0], intervals[j, 1] = start, start + (t1 - t0)
-
-
-@njit(**KERNEL)
-def lies_between_lines(bounds, node, p, n, corner, n_lines, rounding):
-    """True where a box lies between two neighbouring isolines, off the start curve and above the horizon.
-
-    Edges inside it then cross nothing that is swept. `bounds` holds centre and half width in columns 0 to 5.
-    """
-    x, y, z = bounds[node, 0] - p[0], bounds[node, 1] - p[1], bounds[node, 2] - p[2]
-    hx, hy, hz = bounds[node, 3] + rounding, bounds[node, 4] + rounding, bounds[node, 5] + rounding
-    # Off the start curve: to one side of it, or below it.
-    up, side = turn(y, z, corner)
-    half_up, half_side = (hy, hz) if corner % 2 == 0 else (hz, hy)
-    if abs(side) <= half_side and up >= -half_up:
-        return False
-    if n[0] * x + n[1] * y + n[2] * z <= abs(n[0]) * hx + abs(n[1]) * hy + abs(n[2]) * hz:
-        return False
-    # u = x / (|x| + s) grows with x, and with s towards 0.
-    s_min = max(abs(y) - hy, 0.0) + max(abs(z) - hz, 0.0)
-    s_max = abs(y) + hy + abs(z) + hz
-    low, high = x - hx, x + hx
-    u_min = low / (low + s_max) if low > 0.0 else low / (s_min - low)
-    u_max = high / (high + s_min) if high > 0.0 else high / (s_max - high)
-    if not (u_min >= -1.0 and u_max <= 1.0):  # 0 / 0: the box reaches p
-        return False
-    return line_index(u_min - _U_SLACK, n_lines) == line_index(u_max + _U_SLACK, n_lines)

@@ -11,11 +11,19 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from silint.core.jit import INNER, PARALLEL
-from silint.core.partition import DONE, next_in_preorder, node_range
+from silint.core.face_bundles import BLOCK, CENTRE, HALF
+from silint.core.jit import FILTER, INNER, PARALLEL
+from silint.core.lanes import WIDTH, lowest
 
 # A face counts as holding n when the sine of the angle between them is below this.
 TANGENT = 2.0**-12
+
+# float32 keeps a coordinate to well within this.
+SLACK = 2.0**-22
+
+_UW = np.uint64(WIDTH)
+_CX, _CY, _CZ = (np.uint64((CENTRE + i) * WIDTH) for i in range(3))
+_HX, _HY, _HZ = (np.uint64((HALF + i) * WIDTH) for i in range(3))
 
 
 @njit(**PARALLEL)
@@ -25,7 +33,7 @@ def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
     Parameters
     ----------
     geometry : Topology
-    tree : FaceHierarchy
+    tree : FaceBundles
     points, normals : (n, 3) float64
         In scaled units; unit normals.
     lift, nudge, touch : float
@@ -43,24 +51,45 @@ def lift_points(geometry, tree, points, normals, lift, nudge, touch, out):
         out[i, 2] = p[2] + size * (lift * n[2] + nudge * t2)
 
 
+@njit(**FILTER)
+def _near_mask(nodes, block, px, py, pz, near):
+    """Lanes of a block of boxes that come near a point."""
+    base = np.uint64(block) * np.uint64(BLOCK)
+    mask = np.uint32(0)
+    for i in range(_UW):
+        j = base + i
+        drop = (abs(nodes[j + _CX] - px) > nodes[j + _HX] + near) | (
+            abs(nodes[j + _CY] - py) > nodes[j + _HY] + near
+        )
+        drop |= (abs(nodes[j + _CZ] - pz) > nodes[j + _HZ] + near) | (nodes[j + _HX] < np.float32(0.0))
+        mask |= np.uint32(not drop) << np.uint32(i)
+    return np.int64(mask)
+
+
 @njit(**INNER)
 def _touched_front(geometry, tree, p, n, touch):
     """Unit mean of the normals of the faces that touch p and hold n; zero if there are none."""
     x, y, z = 0.0, 0.0, 0.0
-    boxes, planes = tree.boxes, geometry.planes
-    first_leaf = (1 << tree.depth) - 1
-    node = 0
-    while node != DONE:
-        if (
-            abs(boxes[node, 0] - p[0]) <= boxes[node, 3] + touch
-            and abs(boxes[node, 1] - p[1]) <= boxes[node, 4] + touch
-            and abs(boxes[node, 2] - p[2]) <= boxes[node, 5] + touch
-        ):
-            if node < first_leaf:
-                node = 2 * node + 1
+    planes, nodes, levels = geometry.planes, tree.nodes, tree.levels
+    # Boxes are of float32, with a margin of its rounding.
+    near = np.float32(touch + SLACK * max(1.0, abs(p[0]), abs(p[1]), abs(p[2])))
+    px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
+    stack = np.empty((256, 2), np.int64)
+    top = 1 if len(tree.order) > 0 else 0
+    stack[0, 0], stack[0, 1] = len(levels) - 2, 0
+    while top > 0:
+        top -= 1
+        level, block = stack[top, 0], stack[top, 1]
+        mask = _near_mask(nodes, levels[level] + block, px, py, pz, near)
+        while mask != 0:
+            child = block * WIDTH + lowest(mask)
+            mask &= mask - 1
+            if level > 0:
+                if levels[level - 1] + child < levels[level]:
+                    stack[top, 0], stack[top, 1] = level - 1, child
+                    top += 1
                 continue
-            first, last = node_range(len(tree.order), tree.depth, node - first_leaf)
-            for j in range(first, last):
+            for j in range(child * WIDTH, min((child + 1) * WIDTH, len(tree.order))):
                 f = tree.order[j]
                 code = geometry.face_planes[f]
                 k = max(code, ~code)
@@ -71,7 +100,6 @@ def _touched_front(geometry, tree, p, n, touch):
                     x += sign * planes[k, 0]
                     y += sign * planes[k, 1]
                     z += sign * planes[k, 2]
-        node = next_in_preorder(node)
     length = np.sqrt(x * x + y * y + z * z)
     if length < 0.125:
         return 0.0, 0.0, 0.0  # none, or sheets back to back

@@ -14,7 +14,6 @@ from numba import njit
 from silint.core.contour import face_side, side_rounding
 from silint.core.isolines import isoline_u, line_index, turn
 from silint.core.jit import INNER, KERNEL
-from silint.core.partition import DONE, next_in_preorder, node_range
 
 # A vertex at the shade point itself is seen along -n; its distance only has to be small.
 AT_POINT = 2.0**-500
@@ -70,32 +69,18 @@ def _curve_crossing(up_a, side_a, up_b, side_b):
     return 1 if side_b >= 0.0 else -1
 
 
-@njit(**KERNEL)
-def pole_count(geometry, tree, p, n, corner):
-    """Depth count W at the pole of the octahedron above the horizon, +x or -x [start of the start curve].
+@njit(**INNER)
+def pole_count(geometry, face_ids, n_along, p, n, corner, pole):
+    """Depth count W at a pole of the octahedron, +x or -x [start of the start curve].
 
     A face covers the pole on one side when its loop winds about the axis, and its side tells which of the
-    two poles it is: no intersection is computed.
+    two poles it is: no intersection is computed. `face_ids` holds the faces that the half-line from p to the
+    pole may meet (along.faces_along), up to n_along.
     """
-    pole = 1 if n[0] >= 0.0 else -1
-    slack = side_rounding(p)
-    boxes = tree.boxes
-    first_leaf = (1 << tree.depth) - 1
+    rounding = side_rounding(p)
     count = 0
-    node = 0
-    while node != DONE:
-        if (
-            abs(boxes[node, 1] - p[1]) <= boxes[node, 4] + slack
-            and abs(boxes[node, 2] - p[2]) <= boxes[node, 5] + slack
-            and pole * (boxes[node, 0] - p[0]) + boxes[node, 3] >= -slack
-        ):
-            if node < first_leaf:
-                node = 2 * node + 1
-                continue
-            first, last = node_range(len(tree.order), tree.depth, node - first_leaf)
-            for i in range(first, last):
-                count += _covers_pole(geometry, tree.order[i], p, n, corner, pole, slack)
-        node = next_in_preorder(node)
+    for i in range(n_along):
+        count += _covers_pole(geometry, face_ids[i], p, n, corner, pole, rounding)
     return count
 
 
@@ -186,7 +171,7 @@ def cross_edges(
     Parameters
     ----------
     contours : (capacity, 3) int32
-        Rows of `contour.gather_contours`.
+        Rows of `contour.decide_contours`.
     reach : (2, K) float64
         See `horizon_reach`: LEFT and RIGHT.
     ledger : (N_ROWS, K + 1) int32

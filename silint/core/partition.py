@@ -1,8 +1,8 @@
-"""Balanced trees without pointers: the one builder behind both hierarchies.
+"""Trees without pointers: the one builder behind all hierarchies, and behind tiles of shade points.
 
-A tree of depth D over n items is complete: node i has children 2i + 1 and 2i + 2, and the j-th node of
-level l holds the items n j >> l up to n (j + 1) >> l of the order that `balanced_order` returns. Every
-level is partitioned in parallel.
+Items are put in an order in which every aligned run of 16 * 2^i of them belongs together. Sixteen items make a
+bundle, sixteen bundles a node of the next level, and so on: node j of a level holds the items from j * size on.
+Every level is partitioned in parallel.
 """
 
 from __future__ import annotations
@@ -10,33 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from silint.core.jit import INNER, KERNEL, PARALLEL
+from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
-
-LEAF_SIZE = 6  # items a leaf holds at most
-DONE = -1  # what follows the last node
-
-
-def tree_depth(n_items: int) -> int:
-    """Levels below the root, such that no leaf holds more than LEAF_SIZE items."""
-    depth = 0
-    while (n_items + (1 << depth) - 1) >> depth > LEAF_SIZE:
-        depth += 1
-    return depth
-
-
-@njit(**KERNEL)
-def node_range(n_items, level, j):
-    """First and one past the last item of the j-th node of a level."""
-    return (n_items * j) >> level, (n_items * (j + 1)) >> level
-
-
-@njit(**KERNEL)
-def next_in_preorder(node):
-    """The node to visit when all below this one is done: climb from right children, step to the right."""
-    while node > 0 and node % 2 == 0:
-        node = (node - 1) >> 1
-    return node + 1 if node > 0 else DONE
 
 
 @njit(**INNER)
@@ -64,38 +39,6 @@ def _select(keys, items, lo, hi, k, axis):
             lo = i
         else:
             return
-
-
-@njit(**PARALLEL)
-def _split_level(keys, items, level):
-    """Split every node of one level at the median of the axis in which its keys spread the most."""
-    n, width = keys.shape
-    for j in prange(1 << level):
-        lo, hi = node_range(n, level, j)
-        best, spread = 0, -1.0
-        for d in range(width):
-            low, high = np.inf, -np.inf
-            for i in range(lo, hi):
-                low = min(low, keys[i, d])
-                high = max(high, keys[i, d])
-            if high - low > spread:
-                best, spread = d, high - low
-        _select(keys, items, lo, hi, (n * (2 * j + 1)) >> (level + 1), best)
-
-
-def balanced_order(keys: np.ndarray) -> tuple[np.ndarray, int]:
-    """Order of the items in the leaves, and the depth of the tree.
-
-    Parameters
-    ----------
-    keys : (n, d) float32
-        What to keep together; overwritten.
-    """
-    items = np.arange(len(keys), dtype=np.int32)
-    depth = tree_depth(len(keys))
-    for level in range(depth):
-        _split_level(keys, items, level)
-    return items, depth
 
 
 @njit(**PARALLEL)

@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
-from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
+from silint.core.contour import CROSSINGS, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
@@ -22,15 +23,13 @@ from silint.core.search import (
     N_POINT,
     N_TILE,
     PACKET_BLOCK,
-    bound_packets,
+    TILE,
     find_edges,
-    gather_candidates,
+    gather_tile,
     set_point,
     set_tile,
 )
-from silint.core.zenith import N_AXIS, set_axis, zenith_count
-
-TILE = 32  # shade points that share a traversal
+from silint.core.zenith import zenith_count
 
 # Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
 NEGATIVE_LENGTH = 1e-9
@@ -118,6 +117,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
     stack = np.empty((256, 2), np.int64)
     candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
     packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
+    face_ids = np.empty(64, np.int32)
     reach, side = np.empty(2 * WIDTH, np.int32), np.empty(WIDTH, np.int32)
     ids, sides = np.empty(1024, np.int32), np.empty(1024, np.int32)
     lanes, spans = np.empty(N_LANE_FIELDS * WIDTH), np.empty(N_SPAN_FIELDS * WIDTH, np.int32)
@@ -132,39 +132,19 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
         tile_last = min(tile_first + TILE, last)
         # What may matter to some point of the tile.
         set_tile(points, normals, tile_first, tile_last, tile)
-        while True:
-            n_candidates = 0
-            for which in range(2):
-                tree = trees[which]
-                begin[which] = (n_candidates + WIDTH - 1) // WIDTH * WIDTH
-                n_candidates = end[which] = gather_candidates(
-                    tree.nodes,
-                    tree.levels,
-                    tree.edges,
-                    len(tree.ends),
-                    tile,
-                    stack,
-                    candidates,
-                    edge_ids,
-                    begin[which],
-                )
-            if n_candidates <= len(edge_ids):
-                break
-            n_blocks = (n_candidates + n_candidates // 2) // (WIDTH * WIDTH) + 1
-            candidates = np.empty(n_blocks * WIDTH * CANDIDATE_BLOCK, np.float32)
-            packets = np.empty(n_blocks * PACKET_BLOCK, np.float32)
-            edge_ids = np.empty(n_blocks * WIDTH * WIDTH, np.int32)
-        for which in range(2):
-            bound_packets(candidates, begin[which], end[which], packets)
+        candidates, packets, edge_ids = gather_tile(
+            trees, tile, stack, begin, end, candidates, packets, edge_ids
+        )
         centre = tile[0], tile[1], tile[2]
-        if len(ids) < n_candidates:
-            ids, sides = np.empty(2 * n_candidates, np.int32), np.empty(2 * n_candidates, np.int32)
+        if len(ids) < len(edge_ids):
+            ids, sides = np.empty(len(edge_ids), np.int32), np.empty(len(edge_ids), np.int32)
 
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
             set_frame(n, frame)
-            set_point(p, n, frame, n_lines, centre, q)
+            across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
+            set_point(p, n, across, over, n_lines / (2.0 * np.pi), centre, q)
             rounding = side_rounding(p)
             for k in range(n_lines):
                 count[k] = 0
@@ -183,7 +163,6 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
                     narrow,
                     ids,
                     sides,
-                    0,
                     tally[i],
                 )
                 fits = cross_edges(
@@ -221,25 +200,16 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
                     for k in range(n_lines):
                         count[k] = 0
                     which = 0
-            set_axis(p, frame, axis)
-            w = zenith_count(
-                geometry.vertices,
-                geometry.faces,
-                geometry.face_planes,
-                geometry.planes,
-                geometry.plane_errors,
-                faces.order,
-                faces.corners,
-                faces.nodes,
-                faces.levels,
-                axis,
-                stack,
-                p,
-                n,
-                frame,
-                n_lines,
-                rounding,
-            )
+            set_axis(p, across, over, (frame[2, 0], frame[2, 1], frame[2, 2]), axis)
+            n_along = 0
+            while True:
+                n_along = faces_along(
+                    faces.order, faces.corners, faces.nodes, faces.levels, axis, stack, face_ids
+                )
+                if n_along <= len(face_ids):
+                    break
+                face_ids = np.empty(2 * n_along, np.int32)
+            w = zenith_count(geometry, face_ids, n_along, p, n, frame, n_lines, rounding)
             crossings = 0
             for k in range(n_lines):
                 crossings += count[k]

@@ -37,6 +37,8 @@ from silint.core.contour import EDGES, NODES
 from silint.core.jit import FILTER, INNER
 from silint.core.lanes import WIDTH, lowest
 
+TILE = 32  # shade points that share a traversal
+
 # A tile: centre and half width of its points and of its normals, and the slack of float32.
 POINT, POINT_HALF, TILE_NORMAL, TILE_NORMAL_HALF, TILE_SLACK, N_TILE = 0, 3, 6, 9, 12, 13
 
@@ -56,6 +58,8 @@ _SLACK = 2.0**-20
 _STEP = 0.52 / FULL_SCALE
 # A packet that may reach more lines than this is not tested against them: most of its edges cross one.
 FEW_LINES = 3
+# Error of an octahedral u.
+_U_ERROR = 4e-6
 # Error of the rough azimuth, in radians.
 _AZIMUTH_ERROR = 2e-4
 
@@ -190,6 +194,41 @@ def packet_mask(packets, block, q, reach):
 
 
 @njit(**FILTER)
+def octahedral_mask(packets, block, q):
+    """Lanes of a block of packets that may reach an octahedral isoline, the start curve or the horizon.
+
+    Here T and M are the axes U and S of `isolines`, and sectors a radian are half the number of lines.
+    """
+    base = np.uint64(block) * np.uint64(PACKET_BLOCK)
+    px, py, pz = q[0], q[1], q[2]
+    nx, ny, nz = q[3], q[4], q[5]
+    tx, ty, tz = q[6], q[7], q[8]
+    mx, my, mz = q[9], q[10], q[11]
+    slack, half_lines = q[12], q[13]
+    wrong = _F(_U_ERROR) * half_lines
+    mask = np.uint32(0)
+    for i in range(_UW):
+        j = base + i
+        x, y, z = packets[j] - px, packets[j + _UW] - py, packets[j + _U2] - pz
+        radius = packets[j + _U3] + slack
+        up, side = tx * x + ty * y + tz * z, mx * x + my * y + mz * z
+        height = nx * x + ny * y + nz * z
+        # u = x / (|x| + s) grows with x, and with s towards 0.
+        au, as_ = abs(up), abs(side)
+        least = (au - radius if au > radius else _ZERO) + (as_ - radius if as_ > radius else _ZERO)
+        most = au + as_ + radius + radius
+        low, high = x - radius, x + radius
+        u_low = low / (low + most if low > _ZERO else least - low)
+        u_high = high / (high + least if high > _ZERO else most - high)
+        k_low = np.ceil((u_low + _ONE) * half_lines - _HALF - wrong)
+        k_high = np.ceil((u_high + _ONE) * half_lines - _HALF + wrong)
+        on_curve = (as_ <= radius) & (up >= -radius)
+        drop = (height < -radius) | ((k_low == k_high) & (height > radius) & (not on_curve))
+        mask |= np.uint32(not drop) << np.uint32(i)
+    return np.int64(mask)
+
+
+@njit(**FILTER)
 def edge_mask(candidates, packet, off, q, side):
     """Edges of a packet that may be contours above the horizon.
 
@@ -260,15 +299,23 @@ def set_tile(points, normals, first, last, tile):
 
 
 @njit(**INNER)
-def set_point(p, n, frame, n_lines, tile_centre, q):
-    """What the filters need to know of a shade point."""
+def set_point(p, n, across, over, per_radian, tile_centre, q):
+    """What the filters need to know of a shade point.
+
+    Parameters
+    ----------
+    across, over : tuple of 3 float
+        T and M of the frame.
+    per_radian : float
+        Sectors a radian.
+    """
     size = 1.0
     for i in range(3):
         q[P_POINT + i], q[P_NORMAL + i] = p[i] - tile_centre[i], n[i]
-        q[P_T + i], q[P_M + i] = frame[0, i], frame[1, i]
+        q[P_T + i], q[P_M + i] = across[i], over[i]
         size = max(size, abs(p[i]))
     q[P_SLACK] = _SLACK * size
-    q[P_PER_RADIAN] = n_lines / (2.0 * np.pi)
+    q[P_PER_RADIAN] = per_radian
 
 
 @njit(**INNER)
@@ -380,8 +427,52 @@ def bound_packets(candidates, first, last, packets):
 
 
 @njit(**INNER)
-def find_edges(packets, candidates, edge_ids, first, last, q, reach, side, lines, ids, sides, n_ids, tally):
-    """Append those of the candidates [first, last) that a shade point needs; first is a multiple of 16.
+def gather_tile(trees, tile, stack, begin, end, candidates, packets, edge_ids):
+    """Candidates of a tile from both trees, in packets.
+
+    Parameters
+    ----------
+    trees : pair of EdgeBundles
+    begin, end : (2,) int64, out
+        Which candidates are of which tree; the first of each is a multiple of 16.
+    candidates, packets, edge_ids
+        Scratch.
+
+    Returns
+    -------
+    candidates, packets, edge_ids
+        The same, or longer ones.
+    """
+    while True:
+        n_candidates = 0
+        for which in range(2):
+            tree = trees[which]
+            begin[which] = (n_candidates + WIDTH - 1) // WIDTH * WIDTH
+            n_candidates = end[which] = gather_candidates(
+                tree.nodes,
+                tree.levels,
+                tree.edges,
+                len(tree.ends),
+                tile,
+                stack,
+                candidates,
+                edge_ids,
+                begin[which],
+            )
+        if n_candidates <= len(edge_ids):
+            break
+        n_blocks = (n_candidates + n_candidates // 2) // (WIDTH * WIDTH) + 1
+        candidates = np.empty(n_blocks * WIDTH * CANDIDATE_BLOCK, np.float32)
+        packets = np.empty(n_blocks * PACKET_BLOCK, np.float32)
+        edge_ids = np.empty(n_blocks * WIDTH * WIDTH, np.int32)
+    for which in range(2):
+        bound_packets(candidates, begin[which], end[which], packets)
+    return candidates, packets, edge_ids
+
+
+@njit(**INNER)
+def find_edges(packets, candidates, edge_ids, first, last, q, reach, side, lines, ids, sides, tally):
+    """Those of the candidates [first, last) that a shade point needs; first is a multiple of 16.
 
     Parameters
     ----------
@@ -390,16 +481,21 @@ def find_edges(packets, candidates, edge_ids, first, last, q, reach, side, lines
     reach, side : (32,) int32, (16,) int32
         Scratch.
     lines : (K, 2) float32
-        Cosine and sine of the lines.
+        Cosine and sine of radial lines; none for octahedral ones.
     ids, sides : int32
         Edges of the tree, and on which side of their faces the point is (`edge_mask`), with room for all
         candidates.
+
+    Returns
+    -------
+    Their number.
     """
+    n_ids = 0
     nodes, tested = 0, 0
     n_lines = len(lines)
     first_packet, last_packet = first // WIDTH, (last + WIDTH - 1) // WIDTH
     for block in range(first_packet // WIDTH, (last_packet + WIDTH - 1) // WIDTH):
-        mask = packet_mask(packets, block, q, reach)
+        mask = packet_mask(packets, block, q, reach) if n_lines > 0 else octahedral_mask(packets, block, q)
         nodes += 1
         while mask != 0:
             lane = lowest(mask)
@@ -410,7 +506,7 @@ def find_edges(packets, candidates, edge_ids, first, last, q, reach, side, lines
             tested += WIDTH
             off = packets[block * PACKET_BLOCK + PACKET_ERROR * WIDTH + lane]
             hits = edge_mask(candidates, packet, off, q, side)
-            if hits != 0 and reach[WIDTH + lane] <= FEW_LINES:
+            if hits != 0 and n_lines > 0 and reach[WIDTH + lane] <= FEW_LINES:
                 crossed = 0
                 for k in range(reach[lane], reach[lane] + reach[WIDTH + lane]):
                     k = k + n_lines if k < 0 else (k - n_lines if k >= n_lines else k)

@@ -12,10 +12,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import grow, grow_rows, sort_pairs
-from silint.core.contour import CONTOURS, CROSSINGS, gather_contours
+from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, side_rounding
 from silint.core.isolines import horizon_reach, start_corner, to_loop
 from silint.core.jit import INNER, PARALLEL
+from silint.core.lanes import WIDTH
 from silint.core.octahedral import (
     CROSSED,
     DEPTH,
@@ -31,8 +33,17 @@ from silint.core.octahedral import (
     cross_edges,
     pole_count,
 )
-
-BLOCK = 16  # shade points that share scratch memory
+from silint.core.search import (
+    CANDIDATE_BLOCK,
+    N_POINT,
+    N_TILE,
+    PACKET_BLOCK,
+    TILE,
+    find_edges,
+    gather_tile,
+    set_point,
+    set_tile,
+)
 
 # Negative W over less than this (of a quarter loop) is rounding: two crossings in the wrong order.
 NEGATIVE_LENGTH = 1e-9
@@ -133,20 +144,47 @@ def _bucket(ledger, line, position, gain, n_crossings, offsets, sorted_position,
 
 
 @njit(**INNER)
-def _sweep_block(
-    geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, counts, tally
-):
+def _axes(corner):
+    """World directions of U and S (`isolines.turn`)."""
+    if corner == 0:
+        return (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    if corner == 1:
+        return (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
+    if corner == 2:
+        return (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
+    return (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)
+
+
+@njit(**INNER)
+def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, tally):
     """Visible intervals of the points [first, last), in one list; rows are loop coordinates."""
     n_lines = counts.shape[1]
     reach = np.empty((2, n_lines))
     ledger = np.empty((N_ROWS, n_lines + 1), np.int32)
     offsets = np.empty(n_lines + 1, np.int64)
-    contours = np.empty((1024, 3), np.int32)
+    tile, q, axis = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32), np.empty(N_AXIS, np.float32)
+    stack = np.empty((256, 2), np.int64)
+    candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
+    packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
+    begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    lanes, side, no_lines = (
+        np.empty(2 * WIDTH, np.int32),
+        np.empty(WIDTH, np.int32),
+        np.empty((0, 2), np.float32),
+    )
+    face_ids = np.empty(64, np.int32)
     capacity = 8 * n_lines
     line, position, gain = np.empty(capacity, np.int32), np.empty(capacity), np.empty(capacity, np.int32)
     sorted_position, sorted_gain = np.empty(capacity), np.empty(capacity, np.int32)
     found = np.empty((8 * n_lines, 2))
     n_found = 0
+
+    # What may matter to some point of the tile.
+    set_tile(points, normals, first, last, tile)
+    candidates, packets, edge_ids = gather_tile(trees, tile, stack, begin, end, candidates, packets, edge_ids)
+    centre = tile[0], tile[1], tile[2]
+    ids, sides = np.empty(len(edge_ids), np.int32), np.empty(len(edge_ids), np.int32)
+    contours = np.empty((len(edge_ids), 3), np.int32)
 
     for i in range(first, last):
         p = points[i, 0], points[i, 1], points[i, 2]
@@ -155,12 +193,43 @@ def _sweep_block(
         _reset(reach, ledger, n, corner)
 
         # Find the contour edges and cross them with the isolines.
-        contours, n_contours = gather_contours(
-            geometry, contour_tree, p, n, corner, n_lines, contours, 0, tally[i]
-        )
-        contours, n_contours = gather_contours(
-            geometry, boundary_tree, p, n, corner, n_lines, contours, n_contours, tally[i]
-        )
+        up_axis, side_axis = _axes(corner)
+        set_point(p, n, up_axis, side_axis, 0.5 * n_lines, centre, q)
+        rounding = side_rounding(p)
+        n_contours = 0
+        for which in range(2):
+            tree = trees[which]
+            n_ids = find_edges(
+                packets,
+                candidates,
+                edge_ids,
+                begin[which],
+                end[which],
+                q,
+                lanes,
+                side,
+                no_lines,
+                ids,
+                sides,
+                tally[i],
+            )
+            n_contours = decide_contours(
+                geometry.vertices,
+                geometry.planes,
+                geometry.plane_errors,
+                tree.ends,
+                tree.offsets,
+                tree.codes,
+                ids,
+                sides,
+                n_ids,
+                p,
+                n,
+                rounding,
+                contours,
+                n_contours,
+                tally[i],
+            )
         n_crossings = 0
         c = 0
         while c < n_contours:
@@ -187,7 +256,15 @@ def _sweep_block(
 
         # Depth counts at the ends of every isoline, and whether they agree.
         pole = 1 if n[0] >= 0.0 else -1
-        _left_depths(ledger, pole, pole_count(geometry, face_tree, p, n, corner))
+        set_axis(p, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (float(pole), 0.0, 0.0), axis)
+        while True:
+            n_along = faces_along(
+                faces.order, faces.corners, faces.nodes, faces.levels, axis, stack, face_ids
+            )
+            if n_along <= len(face_ids):
+                break
+            face_ids = np.empty(2 * n_along, np.int32)
+        _left_depths(ledger, pole, pole_count(geometry, face_ids, n_along, p, n, corner, pole))
         _check_horizon(reach, ledger)
 
         # Sort the crossings of each isoline, and sweep.
@@ -249,41 +326,31 @@ def _sweep_lines(position, gain, offsets, reach, ledger, corner, found, n_found,
 
 
 @njit(**PARALLEL)
-def visible_intervals(
-    geometry,
-    contour_tree,
-    boundary_tree,
-    face_tree,
-    points,
-    normals,
-    counts,
-    intervals,
-    needed,
-    tally,
-):
+def visible_intervals(geometry, contour, boundary, faces, points, normals, counts, intervals, needed, tally):
     """Visible intervals of many shade points.
 
     Parameters
     ----------
     geometry : Topology
-    contour_tree, boundary_tree : EdgeHierarchy
+    contour, boundary : EdgeBundles
         Of ordinary edges, and of all others.
-    face_tree : FaceHierarchy
+    faces : FaceBundles
     points, normals : (n, 3) float64
-        In scaled units and already displaced; unit normals.
+        In scaled units and already displaced; unit normals. Neighbours in the array should be neighbours in
+        space, and alike in normal.
     counts : (n, K) int32, out
         Intervals on each isoline; CONTRADICTED, and none, where it has to be covered instead.
-    intervals : (blocks, capacity, 2) float64, out
-        Loop coordinates, block by block of BLOCK points, tightly packed within a block.
-    needed : (blocks,) int64, out
-        Intervals of each block; a block that needs more than the capacity is left unwritten.
+    intervals : (tiles, capacity, 2) float64, out
+        Loop coordinates, tile by tile of TILE points, tightly packed within a tile.
+    needed : (tiles,) int64, out
+        Intervals of each tile; a tile that needs more than the capacity is left unwritten.
     tally : (n, N_TALLY) int64, zero, out
     """
     n = len(points)
     for block in prange(len(intervals)):
-        first, last = block * BLOCK, min((block + 1) * BLOCK, n)
-        found, n_found = _sweep_block(
-            geometry, contour_tree, boundary_tree, face_tree, points, normals, first, last, counts, tally
+        first, last = block * TILE, min((block + 1) * TILE, n)
+        found, n_found = _sweep_tile(
+            geometry, (contour, boundary), faces, points, normals, first, last, counts, tally
         )
         needed[block] = n_found
         if n_found <= intervals.shape[1]:

@@ -6,25 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from silint.core.bundles import EdgeBundles
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
-from silint.core.bundles import EdgeBundles
-from silint.core.edge_hierarchy import EdgeHierarchy
 from silint.core.face_bundles import FaceBundles
-from silint.core.face_hierarchy import FaceHierarchy
 from silint.core.partition import aligned_order
 from silint.core.radial import RadialIntervals, line_table, normal_table
-from silint.core.radial_sweep import TILE, radial_intervals
-from silint.core.sweep import BLOCK, CONTRADICTED, visible_intervals
+from silint.core.radial_sweep import radial_intervals
+from silint.core.search import TILE
+from silint.core.sweep import CONTRADICTED, visible_intervals
 from silint.core.topology import Topology
-
-
-class Trees(NamedTuple):
-    """The hierarchies over a scene."""
-
-    contour: EdgeHierarchy  # edges with two faces
-    boundary: EdgeHierarchy  # all other edges
-    face: FaceHierarchy
 
 
 class Bundles(NamedTuple):
@@ -110,27 +101,32 @@ def find_radial(
 
 
 def find_visible(
-    geometry: Topology, trees: Trees, points: np.ndarray, normals: np.ndarray, isolines: int, capacity: int
+    geometry: Topology,
+    bundles: Bundles,
+    points: np.ndarray,
+    normals: np.ndarray,
+    isolines: int,
+    capacity: int,
 ) -> VisibleIntervals | int:
     """Sweep, and cover where counts fail.
 
     Parameters
     ----------
     points, normals : (n, 3) float64
-        In scaled units, lifted; unit normals.
+        In scaled units, lifted, in tile order; unit normals.
     capacity : int
-        Intervals for which a block of BLOCK points has room.
+        Intervals for which a tile of TILE points has room.
 
     Returns
     -------
     VisibleIntervals, or the capacity that is needed
     """
-    blocks = -(-len(points) // BLOCK)
+    blocks = -(-len(points) // TILE)
     counts = np.zeros((len(points), isolines), np.int32)
     buffer = np.empty((blocks, capacity, 2))
     needed = np.zeros(blocks, np.int64)
     tally = np.zeros((len(points), N_TALLY), np.int64)
-    visible_intervals(geometry, *trees, points, normals, counts, buffer, needed, tally)
+    visible_intervals(geometry, *bundles, points, normals, counts, buffer, needed, tally)
     if needed.max() > capacity:
         return int(needed.max())
     swept = _pack(buffer, needed)
@@ -140,7 +136,7 @@ def find_visible(
     if not failed.any():
         return VisibleIntervals(_offsets(per_line), swept, tally.sum(axis=0), 0)
     lines = np.argwhere(counts == CONTRADICTED)
-    per_line[failed], covered = cover_lines(geometry, trees.face, points, normals, lines, isolines)
+    per_line[failed], covered = cover_lines(geometry, bundles.face, points, normals, lines, isolines)
     offsets = _offsets(per_line)
     merged = np.empty((offsets[-1], 2))
     from_cover = np.repeat(failed, per_line)
@@ -149,17 +145,17 @@ def find_visible(
 
 
 def cover_visible(
-    geometry: Topology, trees: Trees, points: np.ndarray, normals: np.ndarray, isolines: int
+    geometry: Topology, bundles: Bundles, points: np.ndarray, normals: np.ndarray, isolines: int
 ) -> VisibleIntervals:
     """The same intervals by covering alone: the second opinion."""
     lines = np.argwhere(np.ones((len(points), isolines), dtype=bool))
-    counts, intervals = cover_lines(geometry, trees.face, points, normals, lines, isolines)
+    counts, intervals = cover_lines(geometry, bundles.face, points, normals, lines, isolines)
     return VisibleIntervals(_offsets(counts), intervals, np.zeros(N_TALLY, np.int64), len(lines))
 
 
 def cover_lines(
     geometry: Topology,
-    tree: FaceHierarchy,
+    tree: FaceBundles,
     points: np.ndarray,
     normals: np.ndarray,
     lines: np.ndarray,
