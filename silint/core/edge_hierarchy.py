@@ -16,7 +16,7 @@ from numba import njit, prange
 
 from silint.core.jit import INNER, KERNEL, PARALLEL
 from silint.core.partition import balanced_order, node_range
-from silint.core.topology import Topology
+from silint.core.topology import Edges, Topology, edges_of
 
 # A unit of normal spread counts like this part of the scene's extent when edges are grouped. Larger
 # values make the dual test reject more, smaller ones the position test; measured on clutter and scans.
@@ -43,11 +43,12 @@ def build_edge_hierarchies(topology: Topology) -> tuple[EdgeHierarchy, EdgeHiera
 
     A *flat* edge has faces that share planes and cancel: its jump is 0 from everywhere.
     """
-    codes = _edge_planes(topology.edge_faces, topology.face_planes)
-    flat = _flat_edges(topology.edge_offsets, codes)
-    ordinary = np.diff(topology.edge_offsets) == 2
-    contour = _build(topology, codes, np.flatnonzero(ordinary & ~flat).astype(np.int32), True)
-    boundary = _build(topology, codes, np.flatnonzero(~ordinary & ~flat).astype(np.int32), False)
+    edges = edges_of(topology)
+    codes = _edge_planes(edges.faces, topology.face_planes)
+    flat = _flat_edges(edges.offsets, codes)
+    ordinary = np.diff(edges.offsets) == 2
+    contour = _build(topology, edges, codes, np.flatnonzero(ordinary & ~flat).astype(np.int32), True)
+    boundary = _build(topology, edges, codes, np.flatnonzero(~ordinary & ~flat).astype(np.int32), False)
     return contour, boundary, int(flat.sum())
 
 
@@ -74,9 +75,11 @@ def _flat_edges(offsets, codes):
     return flat
 
 
-def _build(topology: Topology, codes: np.ndarray, chosen: np.ndarray, dual: bool) -> EdgeHierarchy:
-    ends = topology.edges[chosen]
-    offsets, planes = _gather(topology.edge_offsets, codes, chosen)
+def _build(
+    topology: Topology, found: Edges, codes: np.ndarray, chosen: np.ndarray, dual: bool
+) -> EdgeHierarchy:
+    ends = found.ends[chosen]
+    offsets, planes = _gather(found.offsets, codes, chosen)
     order, depth = balanced_order(_keys(topology.vertices, topology.planes, ends, offsets, planes, dual))
     ends = np.ascontiguousarray(ends[order])
     offsets, planes = _gather(offsets, planes, order)
