@@ -13,6 +13,7 @@ from common import load, markdown, write
 
 import scenes
 import silint
+from silint.core.topology import edges_of
 
 
 def measure(source: str, n_points: int, isolines: int) -> list[str]:
@@ -29,7 +30,7 @@ def measure(source: str, n_points: int, isolines: int) -> list[str]:
         result = integrator.ambient_occlusion(points, normals, isolines, full_output=True)
         times.append((time.perf_counter() - began) / n_points)
     counts = {key: value / n_points for key, value in result.diagnostics.items()}
-    n_edges = len(scene.topology.edges)
+    n_edges = len(edges_of(scene.topology).ends)
     return [
         scene.name,
         f"{scene.n_faces:,}",

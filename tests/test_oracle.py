@@ -19,6 +19,7 @@ from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import concatenate, flipped, moved
 from silint import Scene, SilhouetteIntegrator, Visibility
+from silint.core.topology import edges_of
 from silint.reference import brute_force
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -114,6 +115,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
     integrator = SilhouetteIntegrator(Scene(*mesh))
     topology = integrator.scene.topology
     soup = topology.vertices, topology.faces
+    edges = topology.vertices[edges_of(topology).ends]
     p, n = integrator._shade_points(*points)
     v_rounding, ao_rounding = ILL_CONDITIONED.get(kind, ROUNDING)
     for k in lines:
@@ -131,7 +133,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
             decided = np.ones(len(p), bool)
             for line in np.flatnonzero(difference > v_rounding * ends):
                 i = line // k
-                assert runs_along_an_edge(p[i], topology.vertices[topology.edges], line % k, k), (
+                assert runs_along_an_edge(p[i], edges, line % k, k), (
                     f"{where}: point {i} {points[0][i].tolist()}, normal {points[1][i].tolist()}, {line % k}"
                 )
                 decided[i] = False

@@ -29,7 +29,7 @@ from silint.core.face_hierarchy import build_face_hierarchy
 from silint.core.isolines import horizon_reach, start_corner
 from silint.core.octahedral import N_ROWS, cross_edges
 from silint.core.partition import DONE, LEAF_SIZE, balanced_order, next_in_preorder, node_range, tree_depth
-from silint.core.topology import ULP, Topology, build_topology
+from silint.core.topology import ULP, Topology, build_topology, edges_of
 from silint.reference import brute_force
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -149,11 +149,12 @@ def dual_ends(topology: Topology, tree: EdgeHierarchy, e: int) -> np.ndarray:
 @pytest.mark.parametrize("name", SCENES)
 def test_every_edge_stands_in_one_leaf_inside_its_bounds(name: str) -> None:
     topology = topology_of(name)
+    edges = edges_of(topology)
     contour, boundary, n_flat = build_edge_hierarchies(topology)
-    assert len(contour.ends) + len(boundary.ends) + n_flat == len(topology.edges)
+    assert len(contour.ends) + len(boundary.ends) + n_flat == len(edges.ends)
     held = np.concatenate([contour.ends, boundary.ends])
     assert len(np.unique(held, axis=0)) == len(held)
-    number = {tuple(edge): e for e, edge in enumerate(topology.edges.tolist())}
+    number = {tuple(edge): e for e, edge in enumerate(edges.ends.tolist())}
 
     for tree, width in ((contour, N_DUAL), (boundary, N_POSITION)):
         degree = np.diff(tree.offsets)
@@ -161,9 +162,7 @@ def test_every_edge_stands_in_one_leaf_inside_its_bounds(name: str) -> None:
         assert tree.bounds.shape == (2 ** (tree.depth + 1) - 1, width)
         for e, edge in enumerate(tree.ends.tolist()):
             # The planes of an edge are those of its faces, the directions of both multiplied.
-            faces = topology.edge_faces[
-                slice(*topology.edge_offsets[number[tuple(edge)] : number[tuple(edge)] + 2])
-            ]
+            faces = edges.faces[slice(*edges.offsets[number[tuple(edge)] : number[tuple(edge)] + 2])]
             planes = [
                 topology.face_planes[f] if f >= 0 else ~topology.face_planes[~f] for f in faces.tolist()
             ]
@@ -237,7 +236,7 @@ def every_edge_tested(topology: Topology, p: np.ndarray, n: np.ndarray) -> dict[
     """Contour edges with an end above the horizon, from the oracle's exact sides."""
     oracle = brute_force.contour_jumps(topology.vertices, topology.faces, p)
     np.testing.assert_array_equal(oracle.positions, topology.vertices)
-    np.testing.assert_array_equal(oracle.edges, topology.edges)
+    np.testing.assert_array_equal(oracle.edges, edges_of(topology).ends)
     above = (topology.vertices - p) @ n > 0.0
     assert not oracle.edge_on.any()
     chosen = (oracle.jumps != 0) & above[oracle.edges].any(axis=1)
@@ -282,7 +281,7 @@ def test_contours_are_those_of_testing_every_edge(name: str) -> None:
 def test_contours_of_scenes(name: str) -> None:
     topology = topology_of(name)
     n_contours, n_tested = check_contours(topology, 60)
-    assert n_contours <= n_tested < 0.5 * 60 * len(topology.edges)
+    assert n_contours <= n_tested < 0.5 * 60 * len(edges_of(topology).ends)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -320,4 +319,4 @@ def test_the_search_is_worth_its_while() -> None:
     """At this size the trees are shallow: three quarters. The project's promise is 40 % at 31k triangles."""
     topology = topology_of("clutter")
     n_contours, n_tested = check_contours(topology, 16)
-    assert n_contours < n_tested < 0.75 * 16 * len(topology.edges)
+    assert n_contours < n_tested < 0.75 * 16 * len(edges_of(topology).ends)
