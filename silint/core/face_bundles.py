@@ -1,6 +1,6 @@
 """Bundles of 16 faces under a tree with 16 children a node: what lies along an axis, or in front.
 
-Nodes come in blocks of 16 siblings, field by field, as those of edge bundles.
+Nodes come in blocks of 16 siblings, field by field, as those of edge bundles; so do the corners of a bundle's faces.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from numba import njit, prange
 
 from silint.core.jit import PARALLEL
 from silint.core.lanes import WIDTH
-from silint.core.partition import aligned_order, level_blocks
+from silint.core.partition import aligned_box_order, level_blocks
 from silint.core.topology import Topology
 
 # Fields of a node: centre and half width of its box.
 CENTRE, HALF, N_FIELDS = 0, 3, 6
 BLOCK = N_FIELDS * WIDTH
+# Corners of 16 faces, in rising order of their vertices: three coordinates each.
+CORNER_BLOCK = 9 * WIDTH
 
 _UP = 2.0**-22  # bounds are rounded up by this, relative to the scene
 
@@ -28,12 +30,13 @@ class FaceBundles(NamedTuple):
     order: np.ndarray  # (F,) int32 faces of the topology
     nodes: np.ndarray  # (blocks * BLOCK,) float32, level by level, bundles first
     levels: np.ndarray  # (depth + 1,) int64: first block of each level
+    corners: np.ndarray  # (bundles * CORNER_BLOCK,) float64; zero beyond the last face
 
 
 def build_face_bundles(topology: Topology) -> FaceBundles:
-    """Group faces by the centres of their boxes."""
-    corners = topology.vertices[topology.faces]
-    order = aligned_order((0.5 * (corners.min(axis=1) + corners.max(axis=1))).astype(np.float32))
+    """Group faces so that boxes about groups are small."""
+    corners = topology.vertices[topology.faces].astype(np.float32)
+    order = aligned_box_order(corners.min(axis=1), corners.max(axis=1))
     levels, sizes = level_blocks(len(order))
     nodes = np.empty(levels[-1] * BLOCK, np.float32)
     for level, size in enumerate(sizes):
@@ -44,7 +47,9 @@ def build_face_bundles(topology: Topology) -> FaceBundles:
             size,
             nodes[levels[level] * BLOCK : levels[level + 1] * BLOCK],
         )
-    return FaceBundles(order, nodes, levels)
+    lanes = np.zeros(-(-len(order) // WIDTH) * CORNER_BLOCK)
+    _copy_corners(topology.vertices, topology.faces, order, lanes)
+    return FaceBundles(order, nodes, levels, lanes)
 
 
 @njit(**PARALLEL)
@@ -61,10 +66,21 @@ def _bound_level(vertices, faces, order, size, nodes):
                     for c in range(3):
                         x = vertices[faces[order[k], c], axis]
                         low, high = min(low, x), max(high, x)
+                middle, half = np.float32(0.0), -1e30  # met by nothing
                 if first < last:
                     middle = np.float32(0.5 * (low + high))
                     half = max(high - middle, middle - low) * (1.0 + _UP) + _UP
-                else:
-                    middle, half = np.float32(0.0), -1e30  # met by nothing
                 nodes[base + (CENTRE + axis) * WIDTH] = middle
                 nodes[base + (HALF + axis) * WIDTH] = half
+
+
+@njit(**PARALLEL)
+def _copy_corners(vertices, faces, order, corners):
+    for i in prange(len(order)):
+        a, b, c = faces[order[i], 0], faces[order[i], 1], faces[order[i], 2]
+        low, high = min(a, b, c), max(a, b, c)
+        base = (i // WIDTH) * CORNER_BLOCK + i % WIDTH
+        for axis in range(3):
+            corners[base + axis * WIDTH] = vertices[low, axis]
+            corners[base + (3 + axis) * WIDTH] = vertices[a + b + c - low - high, axis]
+            corners[base + (6 + axis) * WIDTH] = vertices[high, axis]

@@ -36,6 +36,7 @@ from silint.core.bundles import (
 from silint.core.contour import EDGES, NODES
 from silint.core.jit import FILTER, INNER
 from silint.core.lanes import WIDTH, lowest
+from silint.core.radial import ROUGHNESS, rough_azimuth
 
 # A tile: centre and half width of its points and of its normals, and the slack of float32.
 POINT, POINT_HALF, TILE_NORMAL, TILE_NORMAL_HALF, TILE_SLACK, N_TILE = 0, 3, 6, 9, 12, 13
@@ -54,15 +55,10 @@ CANDIDATE_BLOCK = N_CANDIDATE * WIDTH
 _SLACK = 2.0**-20
 # An int16 edge is off by half a step in each coordinate, of position and of normal.
 _STEP = 0.52 / FULL_SCALE
-# Error of the rough azimuth, in radians.
-_AZIMUTH_ERROR = 2e-4
 
 _UW, _U2, _U3 = np.uint64(WIDTH), np.uint64(2 * WIDTH), np.uint64(3 * WIDTH)
 _F = np.float32
 _ZERO, _HALF, _ONE, _SIXTH = _F(0.0), _F(0.5), _F(1.0), _F(1.0 / 6.0)
-# atan(x) / x on [0, 1] as a polynomial in x^2, to 1.5e-4.
-_A0, _A1, _A2, _A3 = _F(0.99921406), _F(-0.32117496), _F(0.14626446), _F(-0.03898651)
-_QUARTER, _TURN_HALF, _TURN = _F(0.5 * np.pi), _F(np.pi), _F(2.0 * np.pi)
 
 # Offsets of a node's fields within its block, unsigned.
 _CX, _CY, _CZ = (np.uint64((CENTRE + i) * WIDTH) for i in range(3))
@@ -76,20 +72,6 @@ _BX, _BY, _BZ, _BO = (np.uint64((PLANE_B + i) * WIDTH) for i in range(4))
 _VX, _VY, _VZ = (np.uint64((VERTEX_A + i) * WIDTH) for i in range(3))
 _WX, _WY, _WZ = (np.uint64((VERTEX_B + i) * WIDTH) for i in range(3))
 _WRONG = np.uint64(WRONG * WIDTH)
-
-
-@njit(**FILTER)
-def _azimuth(t, m):
-    """Azimuth in [0, 2 pi] to _AZIMUTH_ERROR."""
-    x, y = abs(t), abs(m)
-    big = x if x > y else y
-    small = y if x > y else x
-    q = small / (big + _F(1e-30))
-    s = q * q
-    r = q * (_A0 + s * (_A1 + s * (_A2 + s * _A3)))
-    r = _QUARTER - r if y > x else r
-    r = _TURN_HALF - r if t < _ZERO else r
-    return _TURN - r if m < _ZERO else r
 
 
 @njit(**FILTER)
@@ -172,12 +154,12 @@ def packet_mask(packets, block, q, lone, near):
         x, y, z = packets[j] - px, packets[j + _UW] - py, packets[j + _U2] - pz
         radius = packets[j + _U3] + slack
         t, m = tx * x + ty * y + tz * z, mx * x + my * y + mz * z
-        s = _azimuth(t, m) * per_radian
+        s = rough_azimuth(t, m) * per_radian
         line = np.floor(s)
         d = abs(s - line - _HALF)
-        far = (_ONE - d) * radians - _F(_AZIMUTH_ERROR)
+        far = (_ONE - d) * radians - _F(ROUGHNESS)
         far = far if far < _ONE else _ONE
-        d = d * radians - _F(_AZIMUTH_ERROR)
+        d = d * radians - _F(ROUGHNESS)
         rho = np.sqrt(t * t + m * m)
         near[i] = rho - radius
         drop = (nx * x + ny * y + nz * z < -radius) | (rho * (d - d * d * d * _SIXTH) > radius)
@@ -207,7 +189,7 @@ def edge_mask(candidates, packet, near, off, q, side):
     mx, my, mz = q[9], q[10], q[11]
     per_radian = q[13]
     off += q[12]
-    wrong = (off / (near if near > off else off) + _F(_AZIMUTH_ERROR)) * per_radian
+    wrong = (off / (near if near > off else off) + _F(ROUGHNESS)) * per_radian
     mask = np.uint32(0)
     for i in range(_UW):
         j = base + i
@@ -229,8 +211,8 @@ def edge_mask(candidates, packet, near, off, q, side):
         ax, ay, az = candidates[j + _VX] - px, candidates[j + _VY] - py, candidates[j + _VZ] - pz
         bx, by, bz = candidates[j + _WX] - px, candidates[j + _WY] - py, candidates[j + _WZ] - pz
         below = (nx * ax + ny * ay + nz * az < -off) & (nx * bx + ny * by + nz * bz < -off)
-        s = _azimuth(tx * ax + ty * ay + tz * az, mx * ax + my * ay + mz * az) * per_radian + _HALF
-        r = _azimuth(tx * bx + ty * by + tz * bz, mx * bx + my * by + mz * bz) * per_radian + _HALF
+        s = rough_azimuth(tx * ax + ty * ay + tz * az, mx * ax + my * ay + mz * az) * per_radian + _HALF
+        r = rough_azimuth(tx * bx + ty * by + tz * bz, mx * bx + my * by + mz * bz) * per_radian + _HALF
         low = s if s < r else r
         high = r if s < r else s
         between = high + wrong < np.floor(low - wrong) + _ONE
