@@ -138,8 +138,8 @@ def aligned_order(keys: np.ndarray, leaf: int = WIDTH) -> np.ndarray:
     return items
 
 
-# Columns of the sort keys of boxes: centre, lowest and highest corner.
-_LOW, _HIGH, N_BOX_KEYS = 3, 6, 9
+# Columns of the sort keys of boxes: lowest corner, highest corner, centre, diameter.
+_LOW, _HIGH, _N_KEYS = 0, 3, 10
 
 
 @njit(**INNER)
@@ -191,7 +191,7 @@ def _cost_splits(keys, size, costs):
     """
     n = len(keys)
     for task in prange(costs.size):
-        j, column = task // N_BOX_KEYS, task % N_BOX_KEYS
+        j, column = task // _N_KEYS, task % _N_KEYS
         lo, hi = j * size, min((j + 1) * size, n)
         middle = lo + size // 2
         if middle >= hi:
@@ -215,7 +215,7 @@ def _split_cheapest(keys, items, size, costs):
         if middle >= hi:
             continue
         best = 0
-        for column in range(N_BOX_KEYS):
+        for column in range(_N_KEYS):
             if costs[j, column] < costs[j, best]:
                 best = column
         _select(keys, items, lo, hi, middle, best)
@@ -229,13 +229,14 @@ def aligned_box_order(low: np.ndarray, high: np.ndarray, leaf: int = WIDTH) -> n
     low, high : (n, 3) float32
         Corners.
     """
-    keys = np.concatenate([0.5 * (low + high), low, high], axis=1)
+    diameter = np.sqrt(((high - low) ** 2).sum(axis=1, keepdims=True))
+    keys = np.concatenate([low, high, 0.5 * (low + high), diameter], axis=1)
     items = np.arange(len(keys), dtype=np.int32)
     size = leaf
     while size < len(keys):
         size *= 2
     while size > leaf:
-        costs = np.zeros((-(-len(keys) // size), N_BOX_KEYS))
+        costs = np.zeros((-(-len(keys) // size), _N_KEYS))
         _cost_splits(keys, size, costs)
         _split_cheapest(keys, items, size, costs)
         size //= 2
