@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.buffers import grow_rows
-from silint.core.contour import CROSSINGS, EDGES, NODES, face_side, side_rounding
+from silint.core.contour import CROSSINGS, EDGES, NODES, plane_side, side_rounding
 from silint.core.face_bundles import BLOCK, CENTRE, CORNER_BLOCK, HALF
 from silint.core.jit import FILTER, INNER, PARALLEL
 from silint.core.lanes import WIDTH, lowest
@@ -51,8 +51,8 @@ _N_KEYS = 6
 # First line, number of lines, those of the first short edge; 0, or how often the edges wind round the axis.
 _N_SPANS = 4
 
-# What became of a line when a part of it was hidden.
-_OPEN, _CLOSED, _FULL = 0, 1, 2
+# Room for the ends of a line's open intervals at first; in place of a number of lines, where there is too little.
+_ROOM, _FULL = 16, -1
 
 _F = np.float32
 _ZERO, _ONE, _HALF_LINE = _F(0.0), _F(1.0), _F(0.5)
@@ -282,156 +282,165 @@ def _project(corners, bundle, p, n, frame, n_lines, keys, spans):
 
 
 @njit(**INNER)
-def _hide(opened, n_open, k, capacity, high, low):
-    """Take the keys between high and low from the open intervals of line k, which run from the zenith down.
-
-    Returns _CLOSED where nothing is left of them, _FULL where there is no room to split one, else _OPEN.
-    """
-    first = 2 * k * capacity
-    end = first + 2 * n_open[k]
-    at = first
-    while at < end and opened[at + 1] >= high:
-        at += 2
-    if at == end or opened[at] <= low:
-        return _OPEN
-    if opened[at] > high:
-        if opened[at + 1] < low:
-            # Both ends stay.
-            if end == first + 2 * capacity:
-                return _FULL
-            for i in range(end - 1, at, -1):
-                opened[i + 2] = opened[i]
-            opened[at + 1], opened[at + 2] = high, low
-            n_open[k] += 1
-            return _OPEN
-        opened[at + 1] = high
-        at += 2
-    rest = at
-    while rest < end and opened[rest + 1] >= low:
-        rest += 2
-    if rest < end and opened[rest] > low:
-        opened[rest] = low
-    if rest > at:
-        for i in range(end - rest):
-            opened[at + i] = opened[rest + i]
-        n_open[k] -= (rest - at) // 2
-        if n_open[k] == 0:
-            return _CLOSED
-    return _OPEN
-
-
-@njit(**INNER)
-def _any_open(opened, n_open, capacity, first, count, low, high):
-    """True where a line of a range has an open interval that meets the keys from low to high."""
-    k, n_lines = first, len(n_open)
-    for _ in range(count):
-        at = 2 * k * capacity
-        for i in range(at, at + 2 * n_open[k], 2):
-            if opened[i + 1] < high:
-                if opened[i] > low:
-                    return True
-                break
-        k = k + 1 if k + 1 < n_lines else 0
+def _meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
+    """True where one of `count` lines from the first on has an open interval that meets the keys from low to high."""
+    near = False
+    for k in range(np.uint64(first), np.uint64(first + count)):
+        near |= (tops[k] > low) & (bottoms[k] < high)
+    if not near:
+        return False
+    n_lines = len(n_open)
+    for i in range(first, first + count):
+        if tops[i] > low and bottoms[i] < high:
+            k = i if i < n_lines else i - n_lines
+            for j in range(k * stride, k * stride + 2 * n_open[k], 2):
+                if opened[j + 1] < high:
+                    if opened[j] > low:
+                        return True
+                    break
     return False
 
 
 @njit(**INNER)
-def _hide_round(geometry, f, p, n, frame, lines, rounding, winding, opened, n_open, capacity):
-    """Take away what a face hides that holds the zenith or the nadir; returns lines closed, or -1 for _FULL."""
-    a, b, c = geometry.faces[f, 0], geometry.faces[f, 1], geometry.faces[f, 2]
-    # `winding` runs through the corners in rising order; see zenith._covers_zenith.
-    if int(a > b) + int(b > c) + int(c > a) == 2:
-        winding = -winding
-    up = (winding < 0) == (face_side(geometry, f, p, n, rounding) > 0)
-    n_lines = len(lines)
-    closed = 0
-    for i in range(3):
-        u, v = geometry.faces[f, i], geometry.faces[f, (i + 1) % 3]
-        u, v = min(u, v), max(u, v)
-        at, am, aa, a_height = local_vertex(geometry.vertices, u, p, n, frame)
-        bt, bm, _, b_height = local_vertex(geometry.vertices, v, p, n, frame)
-        et, em, ea = in_frame(
-            geometry.vertices[v, 0] - geometry.vertices[u, 0],
-            geometry.vertices[v, 1] - geometry.vertices[u, 1],
-            geometry.vertices[v, 2] - geometry.vertices[u, 2],
-            frame,
-        )
-        along, across, turn = edge_circle(at, am, aa, et, em, ea)
-        k, count, _ = span(sector(at, am, n_lines), sector(bt, bm, n_lines), turn, n_lines)
-        above = a_height > 0.0 or b_height > 0.0
-        for _ in range(count):
-            y = along * lines[k, 0] + across * lines[k, 1]
-            if not (above and y > -np.inf):
-                y = -np.inf
-            if n_open[k] > 0:
-                became = _hide(
-                    opened, n_open, k, capacity, np.inf if up else y, y if up else -np.inf
-                )
-                if became == _FULL:
-                    return -1
-                closed += became
-            k = k + 1 if k + 1 < n_lines else 0
-    return closed
+def _list_cuts(keys, spans, i, lines, tops, bottoms, cuts, cut_lines, n_cuts):
+    """Append what face i of a bundle hides between the ends of lines' open intervals; returns the number of cuts.
+
+    Without a branch but for the loop: what is not wanted is written over by the next.
+    """
+    n_lines = len(lines) // 2
+    along, across = keys[i], keys[WIDTH + i]
+    along_1, across_1 = keys[2 * WIDTH + i], keys[3 * WIDTH + i]
+    along_2, across_2 = keys[4 * WIDTH + i], keys[5 * WIDTH + i]
+    first = spans[i]
+    turn_at = first + spans[2 * WIDTH + i]
+    for k in range(first, first + spans[WIDTH + i]):
+        c, s = lines[k, 0], lines[k, 1]
+        y = along * c + across * s
+        z = (along_1 if k < turn_at else along_2) * c + (across_1 if k < turn_at else across_2) * s
+        # NaN lies below the horizon.
+        y = y if y > -np.inf else -np.inf
+        z = z if z > -np.inf else -np.inf
+        low = y if y < z else z
+        high = z if y < z else y
+        cut_lines[n_cuts] = k if k < n_lines else k - n_lines
+        cuts[2 * n_cuts], cuts[2 * n_cuts + 1] = high, low
+        n_cuts += int((low < tops[k]) & (high > bottoms[k]) & (low < high))
+    return n_cuts
 
 
 @njit(**INNER)
-def _hide_bundle(
-    geometry, order, corners, bundle, p, n, frame, lines, rounding, keys, spans, opened, n_open, capacity, tally
+def _list_round_cuts(
+    vertices,
+    faces,
+    face_planes,
+    planes,
+    plane_errors,
+    f,
+    p,
+    n,
+    frame,
+    lines,
+    rounding,
+    winding,
+    cuts,
+    cut_lines,
+    n_cuts,
 ):
-    """Take away what 16 faces hide; returns lines closed, or -1 for _FULL."""
-    n_lines = len(lines)
-    closed, crossings = 0, 0
-    mask = _project(corners, bundle, p, n, frame, n_lines, keys, spans)
-    while mask != 0:
-        i = lowest(mask)
-        mask &= mask - 1
-        winding = spans[3 * WIDTH + i]
-        if winding != 0:
-            more = _hide_round(
-                geometry,
-                order[bundle * WIDTH + i],
-                p,
-                n,
-                frame,
-                lines,
-                rounding,
-                winding,
-                opened,
-                n_open,
-                capacity,
-            )
-            if more < 0:
-                return -1
-            closed += more
+    """The same for a face that lies at the zenith or at the nadir: it hides one end of every line."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    # `winding` runs through the corners in rising order; see zenith.zenith_count.
+    if int(a > b) + int(b > c) + int(c > a) == 2:
+        winding = -winding
+    code = face_planes[f]
+    plane = max(code, ~code)
+    in_front = (plane_side(planes, plane, plane_errors[plane] + rounding, p, n) > 0) == (code >= 0)
+    up = (winding < 0) == in_front
+    n_lines = len(lines) // 2
+    for i in range(3):
+        u, v = faces[f, i], faces[f, (i + 1) % 3]
+        u, v = min(u, v), max(u, v)
+        at, am, aa, a_height = local_vertex(vertices, u, p, n, frame)
+        bt, bm, _, b_height = local_vertex(vertices, v, p, n, frame)
+        et, em, ea = in_frame(
+            vertices[v, 0] - vertices[u, 0],
+            vertices[v, 1] - vertices[u, 1],
+            vertices[v, 2] - vertices[u, 2],
+            frame,
+        )
+        along, across, turn = edge_circle(at, am, aa, et, em, ea)
+        first, count, _ = span(sector(at, am, n_lines), sector(bt, bm, n_lines), turn, n_lines)
+        above = a_height > 0.0 or b_height > 0.0
+        for k in range(first, first + count):
+            y = along * lines[k, 0] + across * lines[k, 1]
+            y = y if above and y > -np.inf else -np.inf
+            cut_lines[n_cuts] = k if k < n_lines else k - n_lines
+            cuts[2 * n_cuts], cuts[2 * n_cuts + 1] = np.inf if up else y, y if up else -np.inf
+            n_cuts += 1
+    return n_cuts
+
+
+@njit(**INNER)
+def _hide_cuts(cuts, cut_lines, n_cuts, opened, n_open, tops, bottoms, stride):
+    """Take cuts from the open intervals of lines, which run from the zenith down.
+
+    Returns how many lines have nothing left; _FULL where there is no room to split an interval.
+    """
+    n_lines = len(n_open)
+    closed = 0
+    for c in range(n_cuts):
+        k, high, low = cut_lines[c], cuts[2 * c], cuts[2 * c + 1]
+        if not (tops[k] > low and bottoms[k] < high):
             continue
-        along, across = keys[i], keys[WIDTH + i]
-        along_1, across_1 = keys[2 * WIDTH + i], keys[3 * WIDTH + i]
-        along_2, across_2 = keys[4 * WIDTH + i], keys[5 * WIDTH + i]
-        k, turn_at = spans[i], spans[2 * WIDTH + i]
-        for step in range(spans[WIDTH + i]):
-            if n_open[k] > 0:
-                c, s = lines[k, 0], lines[k, 1]
-                y = along * c + across * s
-                z = along_1 * c + across_1 * s if step < turn_at else along_2 * c + across_2 * s
-                # NaN lies below the horizon.
-                y = y if y > -np.inf else -np.inf
-                z = z if z > -np.inf else -np.inf
-                low, high = (y, z) if y < z else (z, y)
-                crossings += 1
-                at = 2 * k * capacity
-                if low < high and low < opened[at] and high > opened[at + 2 * n_open[k] - 1]:
-                    became = _hide(opened, n_open, k, capacity, high, low)
-                    if became == _FULL:
-                        return -1
-                    closed += became
-            k = k + 1 if k + 1 < n_lines else 0
-    tally[CROSSINGS] += crossings
+        first = k * stride
+        end = first + 2 * n_open[k]
+        # The first interval that reaches below the cut's start.
+        at = first
+        for _ in range(n_open[k]):
+            if opened[at + 1] < high:
+                break
+            at += 2
+        if opened[at] <= low:
+            continue
+        if opened[at] > high:
+            if opened[at + 1] < low:
+                if end == first + stride:
+                    closed = _FULL
+                    break
+                for i in range(end - 1, at, -1):
+                    opened[i + 2] = opened[i]
+                opened[at + 1], opened[at + 2] = high, low
+                n_open[k] += 1
+                continue
+            opened[at + 1] = high
+            at += 2
+        # Those that the cut swallows, and the one that it shortens from above.
+        rest = at
+        for _ in range((end - at) // 2):
+            if opened[rest + 1] < low:
+                break
+            rest += 2
+        if rest < end and opened[rest] > low:
+            opened[rest] = low
+        for i in range(end - rest):
+            opened[at + i] = opened[rest + i]
+        end -= rest - at
+        n_open[k] = (end - first) // 2
+        top, bottom = -np.inf, np.inf
+        if end > first:
+            top, bottom = opened[first], opened[end - 1]
+        else:
+            closed += 1
+        tops[k], tops[k + n_lines], bottoms[k], bottoms[k + n_lines] = top, top, bottom, bottom
     return closed
 
 
 @njit(**INNER)
 def _cover(
-    geometry,
+    vertices,
+    faces,
+    face_planes,
+    planes,
+    plane_errors,
     order,
     nodes,
     levels,
@@ -447,17 +456,21 @@ def _cover(
     ranges,
     keys,
     spans,
+    cuts,
+    cut_lines,
     opened,
     n_open,
-    capacity,
+    tops,
+    bottoms,
     tally,
 ):
     """Take away from the open intervals of a point what the faces hide. False where a line has no room left."""
-    n_lines = len(lines)
+    n_lines = len(n_open)
+    stride = len(opened) // n_lines
     n_bundles = len(corners) // CORNER_BLOCK
     rounding = side_rounding(p)
     left = n_lines
-    blocks, faces = 0, 0
+    blocks, bundles, crossings = 0, 0, 0
     top = 1 if n_bundles > 0 else 0
     # A row is a node: level (-1 a bundle), number, first line, number of lines; distance, lowest and highest key.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = len(levels) - 2, 0, 0, n_lines
@@ -465,37 +478,42 @@ def _cover(
     while top > 0 and left > 0:
         top -= 1
         level, number = stack[top, 0], stack[top, 1]
+        first, count = stack[top, 2], stack[top, 3]
+        low, high = stack_keys[top, 1], stack_keys[top, 2]
         # What was open when the node was put here may be hidden by now.
-        if not _any_open(
-            opened,
-            n_open,
-            capacity,
-            stack[top, 2],
-            stack[top, 3],
-            stack_keys[top, 1],
-            stack_keys[top, 2],
-        ):
+        if not _meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
             continue
         if level < 0:
-            faces += WIDTH
-            closed = _hide_bundle(
-                geometry,
-                order,
-                corners,
-                number,
-                p,
-                n,
-                frame,
-                lines,
-                rounding,
-                keys,
-                spans,
-                opened,
-                n_open,
-                capacity,
-                tally,
-            )
-            if closed < 0:
+            bundles += 1
+            n_cuts = np.int64(0)  # a literal would compile what follows twice
+            mask = _project(corners, number, p, n, frame, n_lines, keys, spans)
+            while mask != 0:
+                i = lowest(mask)
+                mask &= mask - 1
+                winding = spans[3 * WIDTH + i]
+                if winding == 0:
+                    n_cuts = _list_cuts(keys, spans, i, lines, tops, bottoms, cuts, cut_lines, n_cuts)
+                else:
+                    n_cuts = _list_round_cuts(
+                        vertices,
+                        faces,
+                        face_planes,
+                        planes,
+                        plane_errors,
+                        order[number * WIDTH + i],
+                        p,
+                        n,
+                        frame,
+                        lines,
+                        rounding,
+                        winding,
+                        cuts,
+                        cut_lines,
+                        n_cuts,
+                    )
+            crossings += n_cuts
+            closed = _hide_cuts(cuts, cut_lines, n_cuts, opened, n_open, tops, bottoms, stride)
+            if closed == _FULL:
                 return False
             left -= closed
             continue
@@ -507,7 +525,7 @@ def _cover(
             mask &= mask - 1
             first, count = ranges[i], ranges[WIDTH + i]
             low, high = seen[WIDTH + i], seen[2 * WIDTH + i]
-            if not _any_open(opened, n_open, capacity, first, count, low, high):
+            if not _meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
                 continue
             # The nearest on top.
             distance = seen[i]
@@ -523,22 +541,26 @@ def _cover(
             stack_keys[at, 0], stack_keys[at, 1], stack_keys[at, 2] = distance, low, high
             top += 1
     tally[NODES] += blocks
-    tally[EDGES] += faces
+    tally[EDGES] += bundles * WIDTH
+    tally[CROSSINGS] += crossings
     return True
 
 
 @njit(**INNER)
-def _cover_points(geometry, faces, points, normals, lines, first, last, counts, starts, tally):
+def _cover_points(geometry, bundles, points, normals, lines, first, last, counts, starts, tally):
     """Visible intervals of the points [first, last), in one list."""
     n_lines = len(lines)
     frame, horizon = np.empty((3, 3)), np.empty(n_lines)
     view = np.empty(N_VIEW, np.float32)
-    stack = np.empty((WIDTH * len(faces.levels), 4), np.int32)
-    stack_keys = np.empty((WIDTH * len(faces.levels), _N_SEEN), np.float32)
+    stack = np.empty((WIDTH * len(bundles.levels), 4), np.int32)
+    stack_keys = np.empty((WIDTH * len(bundles.levels), _N_SEEN), np.float32)
     seen, ranges = np.empty(_N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
     keys, spans = np.empty(_N_KEYS * WIDTH), np.empty(_N_SPANS * WIDTH, np.int32)
-    capacity = 8
-    n_open, opened = np.empty(n_lines, np.int32), np.empty(2 * n_lines * capacity)
+    cuts, cut_lines = np.empty(2 * (WIDTH * n_lines + 1)), np.empty(WIDTH * n_lines + 1, np.int32)
+    # Lines twice over, so that a range that runs past the last needs no second thought.
+    twice = np.concatenate((lines, lines))
+    tops, bottoms = np.empty(2 * n_lines), np.empty(2 * n_lines)
+    n_open, opened = np.empty(n_lines, np.int32), np.empty(_ROOM * n_lines)
     found = np.empty((2 * (last - first) * n_lines, 2))
     n_found = 0
     for i in range(first, last):
@@ -549,19 +571,26 @@ def _cover_points(geometry, faces, points, normals, lines, first, last, counts, 
         for k in range(n_lines):
             horizon[k] = horizon_key(n, frame, lines[k, 0], lines[k, 1])
         while True:
+            stride = len(opened) // n_lines
             for k in range(n_lines):
                 n_open[k] = 1
-                opened[2 * k * capacity], opened[2 * k * capacity + 1] = np.inf, horizon[k]
+                opened[k * stride], opened[k * stride + 1] = np.inf, horizon[k]
+                tops[k], tops[k + n_lines] = np.inf, np.inf
+                bottoms[k], bottoms[k + n_lines] = horizon[k], horizon[k]
             if _cover(
-                geometry,
-                faces.order,
-                faces.nodes,
-                faces.levels,
-                faces.corners,
+                geometry.vertices,
+                geometry.faces,
+                geometry.face_planes,
+                geometry.planes,
+                geometry.plane_errors,
+                bundles.order,
+                bundles.nodes,
+                bundles.levels,
+                bundles.corners,
                 p,
                 n,
                 frame,
-                lines,
+                twice,
                 view,
                 stack,
                 stack_keys,
@@ -569,15 +598,16 @@ def _cover_points(geometry, faces, points, normals, lines, first, last, counts, 
                 ranges,
                 keys,
                 spans,
+                cuts,
+                cut_lines,
                 opened,
                 n_open,
-                capacity,
+                tops,
+                bottoms,
                 tally[i],
             ):
                 break
-            capacity *= 2
-            opened = np.empty(2 * n_lines * capacity)
-            tally[i, CROSSINGS] = 0
+            opened = np.empty(2 * len(opened))
         total = 0
         for k in range(n_lines):
             counts[i, k] = n_open[k]
@@ -586,8 +616,8 @@ def _cover_points(geometry, faces, points, normals, lines, first, last, counts, 
             found = grow_rows(found, 2 * len(found) + total)
         starts[i] = n_found
         for k in range(n_lines):
-            for j in range(k * capacity, k * capacity + n_open[k]):
-                found[n_found, 0], found[n_found, 1] = opened[2 * j], opened[2 * j + 1]
+            for j in range(k * stride, k * stride + 2 * n_open[k], 2):
+                found[n_found, 0], found[n_found, 1] = opened[j], opened[j + 1]
                 n_found += 1
     return found, n_found
 
