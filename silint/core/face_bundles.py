@@ -1,6 +1,7 @@
 """Bundles of 16 faces under a tree with 16 children a node: what lies along an axis, or in front.
 
-Nodes come in blocks of 16 siblings, field by field, as those of edge bundles; so do the corners of a bundle's faces.
+Nodes come in blocks of 16 siblings, field by field, as those of edge bundles; so do the corners of a bundle's
+faces.
 """
 
 from __future__ import annotations
@@ -66,12 +67,14 @@ def _bound_level(vertices, faces, order, size, nodes):
                     for c in range(3):
                         x = vertices[faces[order[k], c], axis]
                         low, high = min(low, x), max(high, x)
-                middle, half = np.float32(0.0), -1e30  # met by nothing
-                if first < last:
-                    middle = np.float32(0.5 * (low + high))
-                    half = max(high - middle, middle - low) * (1.0 + _UP) + _UP
+                if first >= last:
+                    # Met by nothing.
+                    nodes[base + (CENTRE + axis) * WIDTH] = 0.0
+                    nodes[base + (HALF + axis) * WIDTH] = -1e30
+                    continue
+                middle = np.float32(0.5 * (low + high))
                 nodes[base + (CENTRE + axis) * WIDTH] = middle
-                nodes[base + (HALF + axis) * WIDTH] = half
+                nodes[base + (HALF + axis) * WIDTH] = max(high - middle, middle - low) * (1.0 + _UP) + _UP
 
 
 @njit(**PARALLEL)

@@ -186,8 +186,8 @@ def _half_cost(keys, lo, hi, column, pivot, sign):
 def _cost_splits(keys, size, costs):
     """What splitting every run of `size` boxes in halves would cost, by every key.
 
-    The area of a half's box is the chance that it is met, and the work then goes with what is in it. Boxes whose
-    key is that of the middle one count on both sides.
+    The area of a half's box is the chance that it is met, and the work then goes with what is in it. Boxes
+    whose key is that of the middle one count on both sides.
     """
     n = len(keys)
     for task in prange(costs.size):

@@ -1,13 +1,13 @@
 """Covering radial isolines: the second way to the visible intervals of `radial_sweep`.
 
-    boxes in front of what is open -> bundles of 16 faces -> keys of their edges -> what they hide is taken away
+    boxes before what is open -> bundles of 16 faces -> keys of their edges -> cuts -> what is left is visible
 
-Every line starts open from the zenith to the horizon. A tree of faces is walked from near to far, and only where a
-line is still open: work goes with what is in front, whatever lies behind it. What no face hides is visible. No
-contours, no depth count, no start: any soup of triangles.
+Every line starts open from the zenith to the horizon. A tree of faces is walked from near to far, and only
+where a line is still open: work goes with what is in front, whatever lies behind it. No contours, no depth
+count, no start: any soup of triangles.
 
-An edge has the same sectors and the same keys, bit for bit, as in `crossings`, from whichever face it is seen. So
-faces hide up to their common edge exactly, nothing shows between them, and what is left does not depend on the order
+An edge has the same sectors and keys, bit for bit, as in `crossings`, from whichever face it is seen. So faces
+hide up to their common edge exactly, nothing shows between them, and what is left does not depend on the order
 in which faces are taken. Boxes only say what may be skipped: float32, rounded outwards.
 """
 
@@ -45,13 +45,13 @@ _KEY_ERROR = 1e-5
 
 # Where boxes are seen: squared distance, lowest and highest key.
 _N_SEEN = 3
-# Where the faces of a bundle are seen. A and B of three edges: the long one, which spans all lines of the face, then
-# the two short ones.
+# Where the faces of a bundle are seen. A and B of three edges: the long one, which spans all lines of the
+# face, then the two short ones.
 _N_KEYS = 6
 # First line, number of lines, those of the first short edge; 0, or how often the edges wind round the axis.
 _N_SPANS = 4
 
-# Room for the ends of a line's open intervals at first; in place of a number of lines, where there is too little.
+# Room for the ends of a line's open intervals at first; what says that there is too little.
 _ROOM, _FULL = 16, -1
 
 _F = np.float32
@@ -79,8 +79,8 @@ def set_view(p, n, frame, n_lines, view):
 def box_mask(nodes, block, view, n_lines, seen, ranges):
     """Lanes of a block of boxes that reach a line above the horizon.
 
-    Writes to `seen` (3 * 16,) squared distance, lowest and highest key, and to `ranges` (2 * 16,) int32 the first line
-    and the number of lines.
+    Writes to `seen` (3 * 16,) squared distance, lowest and highest key, and to `ranges` (2 * 16,) int32 the
+    first line and the number of lines.
     """
     base = np.uint64(block) * np.uint64(BLOCK)
     px, py, pz = view[0], view[1], view[2]
@@ -254,7 +254,6 @@ def _project(corners, bundle, p, n, frame, n_lines, keys, spans):
         abs_u, abs_v, abs_w = abs(u), abs(v), abs(w)
         u_long = (abs_u >= abs_v) & (abs_u > abs_w)
         v_long = (abs_v > abs_u) & (abs_v > abs_w)
-        w_long = not (u_long | v_long)
         left = (u if u_long else (v if v_long else w)) >= zero
         keys[i] = u_along if u_long else (v_along if v_long else w_along)
         keys[i + _U1] = u_across if u_long else (v_across if v_long else w_across)
@@ -283,7 +282,7 @@ def _project(corners, bundle, p, n, frame, n_lines, keys, spans):
 
 @njit(**INNER)
 def _meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
-    """True where one of `count` lines from the first on has an open interval that meets the keys from low to high."""
+    """True where one of `count` lines has an open interval that meets the keys from low to high."""
     near = False
     for k in range(np.uint64(first), np.uint64(first + count)):
         near |= (tops[k] > low) & (bottoms[k] < high)
@@ -303,7 +302,7 @@ def _meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
 
 @njit(**INNER)
 def _list_cuts(keys, spans, i, lines, tops, bottoms, cuts, cut_lines, n_cuts):
-    """Append what face i of a bundle hides between the ends of lines' open intervals; returns the number of cuts.
+    """Append what face i of a bundle hides on lines that are open there; returns the number of cuts.
 
     Without a branch but for the loop: what is not wanted is written over by the next.
     """
@@ -464,7 +463,7 @@ def _cover(
     bottoms,
     tally,
 ):
-    """Take away from the open intervals of a point what the faces hide. False where a line has no room left."""
+    """Take what the faces hide from the open intervals of a point. False where a line has no room left."""
     n_lines = len(n_open)
     stride = len(opened) // n_lines
     n_bundles = len(corners) // CORNER_BLOCK
@@ -472,7 +471,7 @@ def _cover(
     left = n_lines
     blocks, bundles, crossings = 0, 0, 0
     top = 1 if n_bundles > 0 else 0
-    # A row is a node: level (-1 a bundle), number, first line, number of lines; distance, lowest and highest key.
+    # A row is a node: level (-1 a bundle), number, first line, lines; distance, lowest and highest key.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = len(levels) - 2, 0, 0, n_lines
     stack_keys[0, 1], stack_keys[0, 2] = -np.inf, np.inf
     while top > 0 and left > 0:
@@ -511,7 +510,7 @@ def _cover(
                         cut_lines,
                         n_cuts,
                     )
-            crossings += n_cuts
+            crossings += int(n_cuts)
             closed = _hide_cuts(cuts, cut_lines, n_cuts, opened, n_open, tops, bottoms, stride)
             if closed == _FULL:
                 return False
