@@ -6,9 +6,9 @@ Every line starts open from the zenith to the horizon. A tree of faces is walked
 where a line is still open: work goes with what is in front, whatever lies behind it. No contours, no depth
 count, no start: any soup of triangles.
 
-An edge has the same sectors and keys, bit for bit, as in `crossings`, from whichever face it is seen. So faces
-hide up to their common edge exactly, nothing shows between them, and what is left does not depend on the order
-in which faces are taken. Boxes only say what may be skipped: float32, rounded outwards.
+An edge has the same sectors and keys, bit for bit, as in `crossings`, from whichever face it is seen. So
+faces hide up to their common edge exactly, nothing shows between them, and what is left does not depend on the
+order in which they are taken. Boxes only say what may be skipped: float32, rounded outwards.
 """
 
 from __future__ import annotations
@@ -557,7 +557,9 @@ def _cover_points(geometry, bundles, points, normals, lines, first, last, counts
     keys, spans = np.empty(_N_KEYS * WIDTH), np.empty(_N_SPANS * WIDTH, np.int32)
     cuts, cut_lines = np.empty(2 * (WIDTH * n_lines + 1)), np.empty(WIDTH * n_lines + 1, np.int32)
     # Lines twice over, so that a range that runs past the last needs no second thought.
-    twice = np.concatenate((lines, lines))
+    twice = np.empty((2 * n_lines, 2))
+    for k in range(2 * n_lines):
+        twice[k, 0], twice[k, 1] = lines[k % n_lines, 0], lines[k % n_lines, 1]
     tops, bottoms = np.empty(2 * n_lines), np.empty(2 * n_lines)
     n_open, opened = np.empty(n_lines, np.int32), np.empty(_ROOM * n_lines)
     found = np.empty((2 * (last - first) * n_lines, 2))
