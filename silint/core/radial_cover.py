@@ -7,8 +7,8 @@ where a line is still open: work goes with what is in front, whatever lies behin
 count, no start: any soup of triangles.
 
 An edge has the same sectors and keys, bit for bit, as in `crossings`, from whichever face it is seen. So
-faces hide up to their common edge exactly, nothing shows between them, and what is left does not depend on the
-order in which they are taken. Boxes only say what may be skipped: float32, rounded outwards.
+faces hide up to their common edge exactly, nothing shows between them, and what is left does not depend on
+the order in which they are taken. Boxes only say what may be skipped: float32, rounded outwards.
 """
 
 from __future__ import annotations
