@@ -14,7 +14,6 @@ from silint.core.contour import CONTOURS, CROSSINGS, EDGES, NODES, SNAPPED
 from silint.core.face_bundles import build_face_bundles
 from silint.core.lift import lift_points
 from silint.core.radial import RadialIntervals
-from silint.core.radial_sweep import CONTRADICTED
 from silint.core.search import TILE
 from silint.core.visible import (
     Bundles,
@@ -22,6 +21,7 @@ from silint.core.visible import (
     cover_visible,
     find_radial,
     find_visible,
+    prefers_cover,
     tile_order,
 )
 from silint.scene import Scene
@@ -57,7 +57,17 @@ class VisibleFinder:
         self.scene = scene
         self.geometry = scene.topology
         contour, boundary, self.flat_edges = build_edge_bundles(self.geometry)
-        self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry))
+        self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry, corners=False))
+        self._cover: bool | None = None
+
+    @property
+    def cover(self) -> bool:
+        """Whether radial isolines are covered or swept: the cheaper way for the scene, found when first needed."""
+        if self._cover is None:
+            with KERNEL_LOCK:
+                if self._cover is None:
+                    self._cover, self.bundles = prefers_cover(self.geometry, self.bundles)
+        return self._cover
 
     def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Points in scaled units, lifted along their unit normals."""
@@ -106,6 +116,7 @@ class VisibleFinder:
                     continue
                 seen = np.diff(found.offsets[::isolines])
                 diagnostics = diagnose(found, len(seen), int((seen == 0).sum()), isolines)
+                diagnostics["covered_points" if cover_all else "swept_points"] = len(seen)
                 yield (
                     Visibility(
                         normals[group],
@@ -128,6 +139,7 @@ class VisibleFinder:
     ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int64]]]:
         """Visible intervals on radial isolines of groups of points, what was counted, and their rows."""
         capacity, done = 2 * _PER_BLOCK * isolines, 0
+        cover = self.cover
         for points, normals, rows in self._in_tiles(p, n):
             first, size = 0, 4 * _PER_BLOCK
             while first < len(rows):
@@ -142,18 +154,19 @@ class VisibleFinder:
                         isolines,
                         _PER_BLOCK,
                         capacity,
+                        cover,
                     )
                 if isinstance(found, int):
                     capacity = found + found // 4
                     size = _next_size(size, _PER_BLOCK, capacity, 1.0)
                     continue
-                visible, tally = found
-                failed = int((visible.counts[:, 0] == CONTRADICTED).sum())
-                totals = diagnose(
-                    None, len(visible.counts), int((~visible.counts.any(axis=1)).sum()), isolines
-                )
-                totals["fallback_isolines"] = failed * isolines
-                count_work(totals, tally)
+                visible = found.visible
+                n_points = len(visible.counts)
+                totals = diagnose(None, n_points, int((~visible.counts.any(axis=1)).sum()), isolines)
+                totals["fallback_isolines"] = found.contradicted * isolines
+                totals["covered_points"] = n_points if cover else found.contradicted
+                totals["swept_points"] = n_points - totals["covered_points"]
+                count_work(totals, found.tally)
                 yield visible, totals, rows[group]
                 first = group.stop
                 done += group.stop - group.start
@@ -185,6 +198,8 @@ def diagnose(found: VisibleIntervals | None, points: int, buried: int, isolines:
         "points": points,
         "isolines": isolines,
         "buried": buried,
+        "swept_points": 0,
+        "covered_points": 0,
         "fallback_isolines": 0 if found is None else found.covered,
         "snapped_sides": 0,
         "nodes_visited": 0,

@@ -64,6 +64,8 @@ class SilhouetteIntegrator:
         The size of the request.
     buried
         Points that see nothing at all.
+    swept_points, covered_points
+        Which way they were served: by sweeping the depth count, or by covering lines with faces.
     fallback_isolines
         Isolines whose depth counts contradicted each other and that were computed again by covering.
     snapped_sides

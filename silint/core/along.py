@@ -96,12 +96,12 @@ def corner_mask(corners, bundle, x, y, z, widest, axis):
 
 
 @njit(**INNER)
-def faces_along(order, corners, nodes, levels, axis, stack, face_ids):
+def faces_along(order, coarse, nodes, levels, axis, stack, face_ids):
     """Faces that the half-line from a shade point may meet.
 
     Parameters
     ----------
-    order, corners, nodes, levels
+    order, coarse, nodes, levels
         A FaceBundles'.
     axis : (N_AXIS,) float32
         See `set_axis`.
@@ -132,7 +132,7 @@ def faces_along(order, corners, nodes, levels, axis, stack, face_ids):
                 continue
             base = (levels[0] + block) * BLOCK + lane
             hits = corner_mask(
-                corners,
+                coarse,
                 child,
                 nodes[base] - axis[0],
                 nodes[base + WIDTH] - axis[1],

@@ -73,11 +73,11 @@ def _edge_planes(edge_faces: np.ndarray, face_planes: np.ndarray) -> np.ndarray:
     return np.where(against, ~plane, plane).astype(np.int32)
 
 
-@njit(**PARALLEL)
+@njit(**KERNEL)
 def _flat_edges(offsets, codes):
     """True where every plane occurs as often along the edge as against it."""
     flat = np.zeros(len(offsets) - 1, dtype=np.bool_)
-    for e in prange(len(flat)):
+    for e in range(len(flat)):
         is_flat = True
         for i in range(offsets[e], offsets[e + 1]):
             plane = max(codes[i], ~codes[i])

@@ -133,7 +133,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
     reach, side = np.empty(2 * WIDTH, np.int32), np.empty(WIDTH, np.int32)
     ids, sides = np.empty(1024, np.int32), np.empty(1024, np.int32)
     lanes, spans = np.empty(N_LANE_FIELDS * WIDTH), np.empty(N_SPAN_FIELDS * WIDTH, np.int32)
-    capacity = 16
+    capacity = np.int64(16)  # not a literal, for which everything would be compiled again
     count = np.empty(n_lines, np.int32)
     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
     found = np.empty((4 * TILE * n_lines, 2))
@@ -216,7 +216,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
             n_along = 0
             while True:
                 n_along = faces_along(
-                    faces.order, faces.corners, faces.nodes, faces.levels, axis, stack, face_ids
+                    faces.order, faces.coarse, faces.nodes, faces.levels, axis, stack, face_ids
                 )
                 if n_along <= len(face_ids):
                     break

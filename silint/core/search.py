@@ -36,6 +36,7 @@ from silint.core.bundles import (
 from silint.core.contour import EDGES, NODES
 from silint.core.jit import FILTER, INNER
 from silint.core.lanes import WIDTH, lowest
+from silint.core.radial import ROUGHNESS, rough_azimuth
 
 TILE = 32  # shade points that share a traversal
 
@@ -60,16 +61,11 @@ _STEP = 0.52 / FULL_SCALE
 FEW_LINES = 12
 # Error of an octahedral u.
 _U_ERROR = 4e-6
-# Error of the rough azimuth, in radians.
-_AZIMUTH_ERROR = 2e-4
 
 _UW, _U2, _U3 = np.uint64(WIDTH), np.uint64(2 * WIDTH), np.uint64(3 * WIDTH)
 _F = np.float32
 _ZERO, _HALF, _ONE, _TINY, _MANY = _F(0.0), _F(0.5), _F(1.0), _F(1e-30), _F(1e6)
 _ASIN = _F(0.5 * np.pi - 1.0)
-# atan(x) / x on [0, 1] as a polynomial in x^2, to 1.5e-4.
-_A0, _A1, _A2, _A3 = _F(0.99921406), _F(-0.32117496), _F(0.14626446), _F(-0.03898651)
-_QUARTER, _TURN_HALF, _TURN = _F(0.5 * np.pi), _F(np.pi), _F(2.0 * np.pi)
 
 # Offsets of a node's fields within its block, unsigned.
 _CX, _CY, _CZ = (np.uint64((CENTRE + i) * WIDTH) for i in range(3))
@@ -83,20 +79,6 @@ _BX, _BY, _BZ, _BO = (np.uint64((PLANE_B + i) * WIDTH) for i in range(4))
 _VX, _VY, _VZ = (np.uint64((VERTEX_A + i) * WIDTH) for i in range(3))
 _WX, _WY, _WZ = (np.uint64((VERTEX_B + i) * WIDTH) for i in range(3))
 _WRONG = np.uint64(WRONG * WIDTH)
-
-
-@njit(**FILTER)
-def _azimuth(t, m):
-    """Azimuth in [0, 2 pi] to _AZIMUTH_ERROR."""
-    x, y = abs(t), abs(m)
-    big = x if x > y else y
-    small = y if x > y else x
-    q = small / (big + _TINY)
-    s = q * q
-    r = q * (_A0 + s * (_A1 + s * (_A2 + s * _A3)))
-    r = _QUARTER - r if y > x else r
-    r = _TURN_HALF - r if t < _ZERO else r
-    return _TURN - r if m < _ZERO else r
 
 
 @njit(**FILTER)
@@ -186,8 +168,8 @@ def packet_mask(packets, block, q, reach):
         rho = np.sqrt(t * t + m * m)
         e = radius / (rho + _TINY)
         wide = not (e < _ONE)
-        half = (e + _ASIN * e * e * e + _F(_AZIMUTH_ERROR)) * per_radian
-        middle = _azimuth(t, m) * per_radian - _HALF
+        half = (e + _ASIN * e * e * e + _F(ROUGHNESS)) * per_radian
+        middle = rough_azimuth(t, m) * per_radian - _HALF
         first = np.ceil(middle - half)
         number = np.floor(middle + half) - first + _ONE
         reach[i] = np.int32(_ZERO if wide else first)

@@ -258,9 +258,7 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
         pole = 1 if n[0] >= 0.0 else -1
         set_axis(p, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (float(pole), 0.0, 0.0), axis)
         while True:
-            n_along = faces_along(
-                faces.order, faces.corners, faces.nodes, faces.levels, axis, stack, face_ids
-            )
+            n_along = faces_along(faces.order, faces.coarse, faces.nodes, faces.levels, axis, stack, face_ids)
             if n_along <= len(face_ids):
                 break
             face_ids = np.empty(2 * n_along, np.int32)
