@@ -232,7 +232,7 @@ def test_bent_normals_and_sky_view_factors_are_those_of_brute_force(isolines: in
     topology = integrator.scene.topology
     rng = np.random.default_rng(9)
     points, normals = rng.uniform(-1, 1, (20, 3)), units(20, 10)
-    p, n = integrator._shade_points(points, normals)
+    p, n = integrator._finder.shade_points(points, normals)
     oracle = topology.vertices, topology.faces, p, n, isolines
     # The tolerance; tables interpolate to 1e-10.
     np.testing.assert_allclose(

@@ -87,9 +87,13 @@ KINDS = [kind for kind, _ in kinds_of_points(polyhedra.box(), 1)]
 
 def seen(integrator: SilhouetteIntegrator, p: np.ndarray, n: np.ndarray, k: int, cover: bool) -> Visibility:
     """Visible intervals of points that are lifted already, by sweeping or by covering."""
-    parts = [visible for visible, _ in integrator._chunks(p, n, k, None, cover)]
-    offsets = np.cumsum(np.concatenate([[0], *(np.diff(v.offsets) for v in parts)]))
-    return Visibility(n, k, offsets, np.concatenate([v.intervals for v in parts]))
+    lines: list[np.ndarray] = [np.empty((0, 2))] * (len(p) * k)
+    for visible, rows in integrator._finder.octahedral(p, n, k, None, cover):
+        parts = np.split(visible.intervals, visible.offsets[1:-1])
+        for j, row in enumerate(rows.tolist()):
+            lines[row * k : (row + 1) * k] = parts[j * k : (j + 1) * k]
+    offsets = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
+    return Visibility(n, k, offsets, np.concatenate(lines))
 
 
 def runs_along_an_edge(p: np.ndarray, ends: np.ndarray, k: int, n_lines: int) -> bool:
@@ -114,7 +118,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
     integrator = SilhouetteIntegrator(Scene(*mesh))
     topology = integrator.scene.topology
     soup = topology.vertices, topology.faces
-    p, n = integrator._shade_points(*points)
+    p, n = integrator._finder.shade_points(*points)
     v_rounding, ao_rounding = ILL_CONDITIONED.get(kind, ROUNDING)
     for k in lines:
         oracle = brute_force.visible_intervals(*soup, p, n, k)
@@ -282,7 +286,7 @@ def small_scenes(draw: st.DrawFn) -> tuple[Mesh, Points]:
 def check_sweep_against_cover(mesh: Mesh, points: Points) -> None:
     """Points of a grid lie on edges and vertices often: the tolerance is that of ill-conditioned kinds."""
     integrator = SilhouetteIntegrator(Scene(*mesh))
-    p, n = integrator._shade_points(*points)
+    p, n = integrator._finder.shade_points(*points)
     for k in (7, 16):
         sweep, cover = (seen(integrator, p, n, k, way).ambient_occlusion() for way in (False, True))
         np.testing.assert_allclose(sweep, cover, rtol=0, atol=1e-6)
