@@ -1,4 +1,4 @@
-"""Bundles hold everything once, bound all of it, and the search finds the contours that testing every edge finds."""
+"""Bundles hold everything once and bound all of it; the search finds what testing every edge finds."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_every_face_stands_in_one_bundle_inside_its_boxes(name: str) -> None:
 
 
 def oriented_planes(topology: Topology, codes: np.ndarray) -> np.ndarray:
-    """The two planes of an ordinary edge, the second negated: where both agree in sign there is no contour."""
+    """The two planes of an ordinary edge, the second negated: no contour where both agree in sign."""
     sign = np.where(codes < 0, -1.0, 1.0) * np.array([1.0, -1.0])
     return sign[:, None] * topology.planes[np.where(codes < 0, ~codes, codes)]
 
@@ -372,7 +372,7 @@ EVERY_LINE = np.nan  # lines so close that nothing lies between them: no compari
 def searched(
     topology: Topology, trees: Trees, points: np.ndarray, normals: np.ndarray, family: str, n_lines: float
 ) -> Found:
-    """For each point of a tile the edges of both trees, the contours among them (ends: jump), and the tally."""
+    """For each point of a tile: edges of both trees, contours among them (ends: jump), and the tally."""
     n, n_edges = len(points), len(topology.edges)
     across, over = np.empty((n, 3)), np.empty((n, 3))
     if family == "radial":
