@@ -1,4 +1,4 @@
-"""Frames, sectors, spans and keys of radial isolines: geometry, and combinatorics that rounding cannot break."""
+"""Frames, sectors, spans and keys of radial isolines: geometry, and what rounding cannot break."""
 
 from __future__ import annotations
 
