@@ -15,6 +15,7 @@ from silint.core import along, bundles, crossings, face_bundles, radial, search
 from silint.core.lanes import WIDTH, lowest
 
 from_python = njit(error_model="numpy")
+FIRST = np.zeros(1, np.int64)  # the block; in an array, so that no compiler knows
 
 
 @from_python
@@ -23,43 +24,43 @@ def call_lowest(mask):
 
 
 @from_python
-def call_tile_mask(nodes, tile):
-    return search.tile_mask(nodes, 0, tile)
+def call_tile_mask(nodes, block, tile):
+    return search.tile_mask(nodes, block[0], tile)
 
 
 @from_python
-def call_tile_edge_mask(edges, place, tile):
-    return search.tile_edge_mask(edges, 0, place[0], place[1], place[2], place[3], tile)
+def call_tile_edge_mask(edges, block, place, tile):
+    return search.tile_edge_mask(edges, block[0], place[0], place[1], place[2], place[3], tile)
 
 
 @from_python
-def call_packet_mask(packets, q, reach):
-    return search.packet_mask(packets, 0, q, reach)
+def call_packet_mask(packets, block, q, reach):
+    return search.packet_mask(packets, block[0], q, reach)
 
 
 @from_python
-def call_octahedral_mask(packets, q):
-    return search.octahedral_mask(packets, 0, q)
+def call_octahedral_mask(packets, block, q):
+    return search.octahedral_mask(packets, block[0], q)
 
 
 @from_python
-def call_edge_mask(candidates, off, q, side):
-    return search.edge_mask(candidates, 0, off[0], q, side)
+def call_edge_mask(candidates, block, off, q, side):
+    return search.edge_mask(candidates, block[0], off[0], q, side)
 
 
 @from_python
-def call_line_mask(candidates, off, q):
-    return search.line_mask(candidates, 0, off[0], q, off[1], off[2])
+def call_line_mask(candidates, block, off, q):
+    return search.line_mask(candidates, block[0], off[0], q, off[1], off[2])
 
 
 @from_python
-def call_axis_mask(nodes, axis):
-    return along.axis_mask(nodes, 0, axis)
+def call_axis_mask(nodes, block, axis):
+    return along.axis_mask(nodes, block[0], axis)
 
 
 @from_python
-def call_corner_mask(corners, place, axis):
-    return along.corner_mask(corners, 0, place[0], place[1], place[2], place[3], axis)
+def call_corner_mask(corners, block, place, axis):
+    return along.corner_mask(corners, block[0], place[0], place[1], place[2], place[3], axis)
 
 
 @from_python
@@ -68,14 +69,14 @@ def call_project(lanes, spans, n, frame, n_lines):
 
 
 TWINS: dict[str, tuple[Callable, Callable]] = {
-    "tile": (call_tile_mask, lambda a, t: search.tile_mask.py_func(a, 0, t)),
-    "tile edge": (call_tile_edge_mask, lambda a, p, t: search.tile_edge_mask.py_func(a, 0, *p, t)),
-    "packet": (call_packet_mask, lambda a, q, r: search.packet_mask.py_func(a, 0, q, r)),
-    "octahedral": (call_octahedral_mask, lambda a, q: search.octahedral_mask.py_func(a, 0, q)),
-    "edge": (call_edge_mask, lambda a, o, q, s: search.edge_mask.py_func(a, 0, o[0], q, s)),
-    "line": (call_line_mask, lambda a, o, q: search.line_mask.py_func(a, 0, o[0], q, o[1], o[2])),
-    "axis": (call_axis_mask, lambda a, x: along.axis_mask.py_func(a, 0, x)),
-    "corner": (call_corner_mask, lambda a, p, x: along.corner_mask.py_func(a, 0, *p, x)),
+    "tile": (call_tile_mask, lambda a, b, t: search.tile_mask.py_func(a, b[0], t)),
+    "tile edge": (call_tile_edge_mask, lambda a, b, p, t: search.tile_edge_mask.py_func(a, b[0], *p, t)),
+    "packet": (call_packet_mask, lambda a, b, q, r: search.packet_mask.py_func(a, b[0], q, r)),
+    "octahedral": (call_octahedral_mask, lambda a, b, q: search.octahedral_mask.py_func(a, b[0], q)),
+    "edge": (call_edge_mask, lambda a, b, o, q, s: search.edge_mask.py_func(a, b[0], o[0], q, s)),
+    "line": (call_line_mask, lambda a, b, o, q: search.line_mask.py_func(a, b[0], o[0], q, o[1], o[2])),
+    "axis": (call_axis_mask, lambda a, b, x: along.axis_mask.py_func(a, b[0], x)),
+    "corner": (call_corner_mask, lambda a, b, p, x: along.corner_mask.py_func(a, b[0], *p, x)),
 }
 
 
@@ -191,19 +192,20 @@ def an_angle(rng: np.random.Generator) -> np.ndarray:
 
 
 INPUTS: dict[str, Callable[[np.random.Generator], tuple[np.ndarray, ...]]] = {
-    "tile": lambda rng: (some_nodes(rng), a_tile(rng)),
-    "tile edge": lambda rng: (some_edges(rng), a_place(rng), a_tile(rng)),
-    "packet": lambda rng: (some_packets(rng), a_point(rng, 16 / (2 * np.pi)), np.zeros(32, np.int32)),
-    "octahedral": lambda rng: (some_packets(rng), a_point(rng, 8.0)),
+    "tile": lambda rng: (some_nodes(rng), FIRST, a_tile(rng)),
+    "tile edge": lambda rng: (some_edges(rng), FIRST, a_place(rng), a_tile(rng)),
+    "packet": lambda rng: (some_packets(rng), FIRST, a_point(rng, 16 / (2 * np.pi)), np.zeros(32, np.int32)),
+    "octahedral": lambda rng: (some_packets(rng), FIRST, a_point(rng, 8.0)),
     "edge": lambda rng: (
         some_candidates(rng),
+        FIRST,
         np.array([1e-5], np.float32),
         a_point(rng, 1.0),
         np.zeros(WIDTH, np.int32),
     ),
-    "line": lambda rng: (some_candidates(rng), an_angle(rng), a_point(rng, 1.0)),
-    "axis": lambda rng: (some_boxes(rng), an_axis(rng)),
-    "corner": lambda rng: (some_corners(rng), a_place(rng), an_axis(rng)),
+    "line": lambda rng: (some_candidates(rng), FIRST, an_angle(rng), a_point(rng, 1.0)),
+    "axis": lambda rng: (some_boxes(rng), FIRST, an_axis(rng)),
+    "corner": lambda rng: (some_corners(rng), FIRST, a_place(rng), an_axis(rng)),
 }
 
 
@@ -350,8 +352,8 @@ def test_a_node_is_kept_if_some_point_of_the_tile_may_see_a_contour() -> None:
     rng = np.random.default_rng(5)
     n_needed = 0
     for _ in range(60):
-        nodes, tile = INPUTS["tile"](rng)
-        kept = bits(call_tile_mask(nodes, tile))
+        nodes, _, tile = INPUTS["tile"](rng)
+        kept = bits(call_tile_mask(nodes, FIRST, tile))
         points, normals = within(rng, tile[:3], tile[3:6], 40), within(rng, tile[6:9], tile[9:12], 40)
         for lane in range(WIDTH):
             node = nodes.reshape(-1, WIDTH)[:, lane].astype(np.float64)
@@ -366,9 +368,22 @@ def test_a_node_is_kept_if_some_point_of_the_tile_may_see_a_contour() -> None:
     assert n_needed > 100
 
 
-def exact_edges(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Planes (16, 2, 4) and ends (16, 2, 3) of edges within a ball of radius 1, and the same in 16 bits."""
+def exact_edges(
+    rng: np.random.Generator, p: np.ndarray, n: np.ndarray, close: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Planes (16, 2, 4) and ends (16, 2, 3) of edges within a ball of radius 1, and the same in 16 bits.
+
+    Where `close`, the point is nearly on a plane of some, and others reach the horizon barely: float32 and 16
+    bits know nothing better.
+    """
     a, b, c, d = (0.57 * rng.uniform(-1, 1, (WIDTH, 3)) for _ in range(4))
+    if close:
+        low = rng.random(WIDTH) < 0.5
+        at_horizon = a + (1e-6 * rng.random(WIDTH) - (a - p) @ n)[:, None] * n
+        below = b - (np.maximum((b - p) @ n, 0.0) + 0.05)[:, None] * n
+        low &= (np.abs(at_horizon) < 0.99).all(axis=1) & (np.abs(below) < 0.99).all(axis=1)
+        a, b = np.where(low[:, None], at_horizon, a), np.where(low[:, None], below, b)
+        c = np.where(low[:, None], c, p + 1e-6 * unit(rng, WIDTH))
     planes = np.empty((WIDTH, 2, 4))
     for k, other in enumerate((c, d)):
         normal = np.cross(b - a, other - a)
@@ -379,14 +394,18 @@ def exact_edges(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.nd
     return planes, ends, np.rint(fields.T.ravel() * bundles.FULL_SCALE).astype(np.int16)
 
 
-def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile() -> None:
+@pytest.mark.parametrize("close", [False, True])
+def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile(close: bool) -> None:
     rng = np.random.default_rng(6)
     n_needed = n_kept = 0
     for _ in range(80):
-        planes, ends, edges = exact_edges(rng)
         tile, place = a_tile(rng), a_place(rng)
         tile[3:6] *= 0.3
-        kept = bits(call_tile_edge_mask(edges, place, tile))
+        if close:
+            tile[3:6] = tile[9:12] = 0.0
+        p, n = -place[:3].astype(np.float64), tile[6:9].astype(np.float64)
+        planes, ends, edges = exact_edges(rng, p, n, close)
+        kept = bits(call_tile_edge_mask(edges, FIRST, place, tile))
         # The tile's centre is the origin of `place`.
         points = within(rng, np.zeros(3), tile[3:6], 60) - place[:3]
         normals = within(rng, tile[6:9], tile[9:12], 60)
@@ -399,6 +418,11 @@ def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile() -> None
     assert 100 < n_needed <= n_kept < 0.95 * 80 * WIDTH
 
 
+def frame_of(q: np.ndarray) -> np.ndarray:
+    """T and M of a point, in float64."""
+    return q[6:12].astype(np.float64).reshape(2, 3)
+
+
 def packed(planes: np.ndarray, ends: np.ndarray, wrong: float) -> np.ndarray:
     """Candidates, off by what they may be off by."""
     fields = np.concatenate(
@@ -407,18 +431,19 @@ def packed(planes: np.ndarray, ends: np.ndarray, wrong: float) -> np.ndarray:
     return fields.T.ravel().astype(np.float32)
 
 
-def test_edges_that_float32_drops_or_decides_are_as_float64_has_them() -> None:
+@pytest.mark.parametrize("close", [False, True])
+def test_edges_that_float32_drops_or_decides_are_as_float64_has_them(close: bool) -> None:
     rng = np.random.default_rng(7)
     n_known = 0
     for _ in range(80):
-        planes, ends, _ = exact_edges(rng)
         q, wrong, off = a_point(rng, 1.0), 1e-5, 1e-5
+        p, n = q[:3].astype(np.float64), q[3:6].astype(np.float64)
+        planes, ends, _ = exact_edges(rng, p, n, close)
         moved_planes = planes + rng.uniform(-0.2, 0.2, planes.shape) * wrong
         moved_ends = ends + rng.uniform(-0.5, 0.5, ends.shape) * off
         side = np.empty(WIDTH, np.int32)
         candidates = packed(moved_planes, moved_ends, wrong)
-        kept = bits(call_edge_mask(candidates, np.array([off], np.float32), q, side))
-        p, n = q[:3].astype(np.float64), q[3:6].astype(np.float64)
+        kept = bits(call_edge_mask(candidates, FIRST, np.array([off], np.float32), q, side))
         sides = planes[..., :3] @ p + planes[..., 3]
         needed = (sides[:, 0] * sides[:, 1] <= 0) & ((ends - p) @ n >= 0).any(axis=1)
         assert (kept | ~needed).all()
@@ -430,7 +455,12 @@ def test_edges_that_float32_drops_or_decides_are_as_float64_has_them() -> None:
         n_known += known.sum()
         # And one line: kept if the ends are on either side of its plane.
         angle = an_angle(rng)
-        kept = bits(call_line_mask(candidates, np.array([off, *angle[1:]], np.float32), q))
+        if close:
+            # That of an end, but for 1e-6.
+            end = frame_of(q) @ (ends[0, 0] - p)
+            phi = np.arctan2(end[1], end[0]) + 1e-6 * rng.uniform(-1, 1)
+            angle[1:] = np.cos(phi), np.sin(phi)
+        kept = bits(call_line_mask(candidates, FIRST, np.array([off, *angle[1:]], np.float32), q))
         t, m = q[6:9].astype(np.float64), q[9:12].astype(np.float64)
         across = (ends - p) @ (float(angle[1]) * m - float(angle[2]) * t)
         assert (kept | (across[:, 0] * across[:, 1] > 0)).all()
@@ -447,10 +477,10 @@ def test_a_packet_is_kept_if_an_edge_in_it_crosses_a_line() -> None:
         centres, radius = rng.uniform(-1, 1, (WIDTH, 3)), 10 ** rng.uniform(-2.5, -0.3, WIDTH)
         a, b = (centres + radius[:, None] * unit(rng, WIDTH) for _ in range(2))
         packets, reach = block(centres, radius * (1 + 1e-6), np.zeros(WIDTH)), np.empty(2 * WIDTH, np.int32)
-        kept = bits(call_packet_mask(packets, q, reach))
+        kept = bits(call_packet_mask(packets, FIRST, q, reach))
         o = q.copy()
         o[6:12], o[search.P_PER_RADIAN] = [0, 1, 0, 0, 0, 1], 0.5 * k_lines
-        kept_octahedral = bits(call_octahedral_mask(packets, o))
+        kept_octahedral = bits(call_octahedral_mask(packets, FIRST, o))
         p, n, t, m = (q[i : i + 3].astype(np.float64) for i in (0, 3, 6, 9))
         s = np.linspace(0, 1, 400)[:, None, None]
         w = (1 - s) * (a - p) + s * (b - p)
@@ -480,8 +510,8 @@ def test_what_the_half_line_meets_is_kept() -> None:
     rng = np.random.default_rng(9)
     n_met = n_kept = 0
     for _ in range(200):
-        boxes, axis = INPUTS["axis"](rng)
-        kept = bits(call_axis_mask(boxes, axis))
+        boxes, _, axis = INPUTS["axis"](rng)
+        kept = bits(call_axis_mask(boxes, FIRST, axis))
         table = boxes.reshape(-1, WIDTH).astype(np.float64)
         p, d = axis[:3].astype(np.float64), axis[9:12].astype(np.float64)
         with np.errstate(divide="ignore"):
@@ -494,10 +524,10 @@ def test_what_the_half_line_meets_is_kept() -> None:
     assert 100 < n_met <= n_kept < 0.9 * 200 * WIDTH
     n_met = n_kept = 0
     for _ in range(200):
-        _, place, axis = INPUTS["corner"](rng)
+        _, _, place, axis = INPUTS["corner"](rng)
         exact = rng.uniform(-1, 1, (WIDTH, 3, 3))
         corners = np.rint(exact.reshape(WIDTH, 9).T.ravel() * face_bundles.FULL_SCALE).astype(np.int16)
-        kept = bits(call_corner_mask(corners, place, axis))
+        kept = bits(call_corner_mask(corners, FIRST, place, axis))
         d = axis[9:12].astype(np.float64)
         a, b, c = (place[:3] + exact).transpose(1, 0, 2)
         around = [np.cross(u, v) @ d for u, v in ((a, b), (b, c), (c, a))]
