@@ -541,12 +541,13 @@ def test_what_the_half_line_meets_is_kept() -> None:
 
 PACKED_X86 = re.compile(r"^\s*v(?:mul|fn?m(?:add|sub)\d+)p[sd]\s", re.M)
 SCALAR_X86 = re.compile(r"^\s*v?(?:mul|fn?m(?:add|sub)\d+)s[sd]\s", re.M)
+GATHERED_X86 = re.compile(r"^\s*v(?:insertps|gather\w+)\s", re.M)  # lane by lane out of memory
 PACKED_NEON = re.compile(r"^\s*f(?:mul|mla|mls)(?:\.(?:4s|2d)\s|\s+v\d+\.(?:4s|2d))", re.M)
 SCALAR_NEON = re.compile(r"^\s*f(?:mul|madd|msub|nmadd|nmsub)\s+[sd]\d+", re.M)
 
 
-def multiplies(compiled: Callable) -> tuple[int, int]:
-    """Packed and scalar float multiplies in the machine code of all that a kernel was compiled to."""
+def multiplies(compiled: Callable) -> tuple[int, int, int]:
+    """Packed and scalar float multiplies, and loads lane by lane, in the machine code of a kernel."""
     machine = platform.machine().lower()
     text = "\n".join(compiled.inspect_asm().values())
     if machine in ("x86_64", "amd64"):
@@ -554,16 +555,18 @@ def multiplies(compiled: Callable) -> tuple[int, int]:
 
         if not dict(llvmlite.binding.get_host_cpu_features()).get("avx2"):
             pytest.skip("no AVX2 here")
-        return len(PACKED_X86.findall(text)), len(SCALAR_X86.findall(text))
+        return tuple(len(kind.findall(text)) for kind in (PACKED_X86, SCALAR_X86, GATHERED_X86))
     if machine in ("arm64", "aarch64"):
-        return len(PACKED_NEON.findall(text)), len(SCALAR_NEON.findall(text))
+        return len(PACKED_NEON.findall(text)), len(SCALAR_NEON.findall(text)), 0
     pytest.skip(f"nothing known of {machine}")
 
 
 @pytest.mark.parametrize("name", [*TWINS, "project"])
 def test_loops_over_lanes_are_vector_code(name: str) -> None:
     compiled = call_project if name == "project" else TWINS[name][0]
-    n_packed, n_scalar = multiplies(compiled)
+    n_packed, n_scalar, n_gathered = multiplies(compiled)
     # What is left scalar is what a filter does once, before its loop.
     assert n_packed >= 6
     assert n_scalar <= max(30, n_packed)
+    # A signed index might wrap around: every lane is then loaded by itself.
+    assert n_gathered < 10
