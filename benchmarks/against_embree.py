@@ -31,9 +31,7 @@ def compare(source: str, seed: int) -> tuple[list[str], list[str]]:
     points = embree_points(scene.vertices, scene.faces, points, normals)
     options = {"weighting": "cosine", "seed": seed}
     quiet = lambda *_: None  # noqa: E731
-    truth = reference(
-        scene.vertices, scene.faces, points, normals, options, np.random.default_rng(seed), quiet
-    )
+    truth = reference(scene.vertices, scene.faces, points, normals, options, quiet)
     verdict = check(EmbreeQMC(scene.vertices, scene.faces), truth, points, normals, options, quiet)
     results = {k: integrator.ambient_occlusion(points, normals, k, full_output=True) for k in (64, 256)}
     errors = {k: r.value - truth.value for k, r in results.items()}

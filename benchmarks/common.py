@@ -1,32 +1,61 @@
-"""What the benchmark scripts share: scenes by name or path, and tables."""
+"""What the benchmark scripts share: scenes by name or path, tables, and places for them."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line has it, before numba starts
-
-import numpy as np
-
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def source_hash() -> str:
+    """Of the package's source: what was measured."""
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / "silint").rglob("*.py")):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+# Before numba starts: OpenMP as the command line has it, and a cache of this very source, because numba does
+# not notice edits in the helpers of a kernel.
+SOURCE = source_hash()
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / "benchmarks" / "results" / "numba" / SOURCE))
 sys.path.insert(0, str(ROOT))  # the scenes package lives in the checkout, not in the installed silint
+
+import numpy as np  # noqa: E402
 
 import scenes  # noqa: E402
 import silint  # noqa: E402
+from silint.validation import InputError  # noqa: E402
 
 
-def load(source: str) -> silint.Scene:
-    """A generated scene by name or a mesh by path, its vertices rounded to float32 as Embree has them."""
+def find(source: str, assets: str | None = None) -> Path | None:
+    """None for a generated scene, else the mesh file, by path or by its name in the folder of assets."""
     if source in scenes.SCENES:
+        return None
+    if Path(source).is_file():
+        return Path(source)
+    found = sorted(Path(assets).glob(f"{source}.*")) if assets else []
+    if not found:
+        where = f"and not in {assets}" if assets else "and there is no folder of assets"
+        raise InputError(f"{source} is no generated scene, no file, {where}")
+    return found[0]
+
+
+def load(source: str, assets: str | None = None) -> silint.Scene:
+    """A generated scene by name or a mesh by path, its vertices rounded to float32 as Embree has them."""
+    path = find(source, assets)
+    if path is None:
         vertices, faces = scenes.build(source)
-        name = source
+        normals, name = None, source
     else:
-        scene = silint.load_scene(source)
-        vertices, faces, name = scene.vertices, scene.faces, Path(source).stem
+        scene = silint.load_scene(path)
+        vertices, faces, normals, name = scene.vertices, scene.faces, scene.normals, path.stem
     rounded = np.asarray(vertices, np.float32).astype(np.float64)
-    return silint.Scene(rounded, faces, name=name)
+    return silint.Scene(rounded, faces, normals, name=name)
 
 
 def markdown(header: list[str], rows: list[list[str]]) -> str:
@@ -41,3 +70,24 @@ def write(path: str | None, text: str) -> None:
     print(text)
     if path:
         Path(path).write_text(text + "\n", encoding="utf-8")
+
+
+def insert(path: str | Path, name: str, text: str) -> None:
+    """Replace what stands between the comments ``NAME:begin`` and ``NAME:end`` of a markdown file."""
+    page = Path(path).read_text(encoding="utf-8")
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    if page.count(begin) != 1 or page.count(end) != 1:
+        raise InputError(f"{path} has no place for the table: expected one {begin} and one {end}")
+    before, after = page[: page.index(begin) + len(begin)], page[page.index(end) :]
+    Path(path).write_text(f"{before}\n{text}\n{after}", encoding="utf-8")
+
+
+def print_stage(stage: str, done: int, total: int) -> None:
+    """A line on stderr when a stage of `silint.bench` begins and ends."""
+    if done in (0, total):
+        print(f"{stage}{'' if done == 0 else ': done'}", file=sys.stderr, flush=True)
+
+
+def fail(error: InputError) -> None:
+    """End in one line, as the command line does."""
+    sys.exit(f"error: {error}")

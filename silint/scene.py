@@ -95,7 +95,7 @@ class Scene:
 
     @property
     def topology(self) -> Topology:
-        """Welded vertices, edges with all their faces, planes (scaled by a power of two)."""
+        """Welded vertices and faces, and their planes (scaled by a power of two)."""
         return self._connected[0]
 
     @property

@@ -21,7 +21,7 @@ from scenes.mesh import concatenate, flipped, moved
 from silint import Scene, SilhouetteIntegrator, Visibility
 from silint.core.radial import line_table, set_frame
 from silint.core.radial_sweep import CONTRADICTED
-from silint.core.topology import Topology
+from silint.core.topology import edges_of
 from silint.reference import brute_force, half_planes
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -121,6 +121,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
     integrator = SilhouetteIntegrator(Scene(*mesh))
     topology = integrator.scene.topology
     soup = topology.vertices, topology.faces
+    edges = topology.vertices[edges_of(topology).ends]
     p, n = integrator._finder.shade_points(*points)
     v_rounding, ao_rounding = ILL_CONDITIONED.get(kind, ROUNDING)
     for k in lines:
@@ -138,7 +139,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
             decided = np.ones(len(p), bool)
             for line in np.flatnonzero(difference > v_rounding * ends):
                 i = line // k
-                assert runs_along_an_edge(p[i], topology.vertices[topology.edges], line % k, k), (
+                assert runs_along_an_edge(p[i], edges, line % k, k), (
                     f"{where}: point {i} {points[0][i].tolist()}, normal {points[1][i].tolist()}, {line % k}"
                 )
                 decided[i] = False
@@ -148,19 +149,19 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
                 )
 
 
-def rounding_of_theta(topology: Topology, p: np.ndarray) -> float:
+def rounding_of_theta(corners: np.ndarray, edges: np.ndarray, p: np.ndarray) -> float:
     """How well theta is known: the direction of an edge close by is lost when coordinates turn into a frame.
 
     Nothing is known where p lies in an edge or within a face, and a rule says on which side of it.
     """
-    a, b, c = topology.vertices[topology.faces].transpose(1, 0, 2) - p
+    a, b, c = corners.transpose(1, 0, 2) - p
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1)
     inside = [(np.cross(u, v) * normal).sum(axis=1) >= -1e-9 for u, v in ((a, b), (b, c), (c, a))]
     within = np.all(inside, axis=0) & (area > 0) & (np.abs((a * normal).sum(axis=1)) <= 1e-15 * area)
     if within.any():
         return np.inf
-    a, b = (topology.vertices[topology.edges[:, i]] - p for i in range(2))
+    a, b = edges.transpose(1, 0, 2) - p
     t = np.clip(-(a * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1), 0, 1)[:, None]
     near = np.linalg.norm(a + t * (b - a), axis=1).min()
     return max(1e-9, 4e-15 / near) if near > 0 else np.inf
@@ -172,7 +173,8 @@ def check_half_planes(mesh: Mesh, points: Points, kind: str, lines: tuple[int, .
     topology = integrator.scene.topology
     corners = topology.vertices[topology.faces]
     p, n = integrator._finder.shade_points(*points)
-    rounding = [rounding_of_theta(topology, x) for x in p]
+    edges = topology.vertices[edges_of(topology).ends]
+    rounding = [rounding_of_theta(corners, edges, x) for x in p]
     frame = np.empty((3, 3))
     for k in lines:
         directions = line_table(k)

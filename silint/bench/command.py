@@ -7,8 +7,8 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
+from silint.bench.figures import PLOT_SUFFIXES, plot
 from silint.bench.measure import ISOLINES, RAYS, StageProgress, run_bench
-from silint.bench.report import PLOT_SUFFIXES, plot
 from silint.io import check_output, write_bytes
 from silint.validation import InputError
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-__all__ = ["Bounded", "speedup", "time_at_error"]
+__all__ = ["Bounded", "pays_after", "power_law", "speedup", "time_at_error"]
 
 
 class Bounded(NamedTuple):
@@ -54,10 +54,40 @@ def time_at_error(times: Sequence[float], errors: Sequence[float], level: float)
 
 def speedup(ours: Bounded | None, theirs: Bounded | None) -> Bounded | None:
     """How many times faster `ours` is, or None where the bounds leave it open."""
+    bound = _advantage(ours, theirs)
+    if ours is None or theirs is None or bound is None:
+        return None
+    return Bounded(theirs.value / ours.value, bound)
+
+
+def pays_after(build_seconds: float, ours: Bounded | None, theirs: Bounded | None) -> Bounded | None:
+    """Points after which building is earned back by `ours`, in microseconds a point, over `theirs`.
+
+    Infinite if ours is no faster; None where the bounds leave it open.
+    """
+    bound = _advantage(ours, theirs)
+    if ours is None or theirs is None or bound is None:
+        return None
+    saved = theirs.value - ours.value
+    if saved <= 0:
+        return None if bound == ">" else Bounded(math.inf, "")
+    return Bounded(1e6 * build_seconds / saved, {">": "<", "<": ">", "": ""}[bound])
+
+
+def _advantage(ours: Bounded | None, theirs: Bounded | None) -> str | None:
+    """The bound on whatever grows with theirs and falls with ours; None where theirs and ours disagree."""
     if ours is None or theirs is None:
         return None
-    # More of theirs and less of ours both mean more than the quotient.
     signs = {{">": "<", "<": ">", "": ""}[ours.bound], theirs.bound} - {""}
     if len(signs) > 1:
         return None
-    return Bounded(theirs.value / ours.value, signs.pop() if signs else "")
+    return signs.pop() if signs else ""
+
+
+def power_law(sizes: Sequence[float], times: Sequence[float]) -> tuple[float, float]:
+    """Factor and exponent of the least-squares line through some points on log-log axes."""
+    x, y = [math.log(s) for s in sizes], [math.log(t) for t in times]
+    mean_x, mean_y = sum(x) / len(x), sum(y) / len(y)
+    exponent = sum((a - mean_x) * (b - mean_y) for a, b in zip(x, y, strict=True))
+    exponent /= sum((a - mean_x) ** 2 for a in x)
+    return math.exp(mean_y - exponent * mean_x), exponent

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
-import platform
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from silint.bench.curves import speedup, time_at_error
-from silint.bench.truth import ERROR_POINTS, Reference, check, opponent_seed, reference, rms
+from silint.bench import machine
+from silint.bench.curves import Bounded, pays_after, speedup, time_at_error
+from silint.bench.sites import SITES, shade_sites
+from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
 from silint.validation import InputError, choice, positive_int
 
 if TYPE_CHECKING:
@@ -24,16 +24,29 @@ if TYPE_CHECKING:
     from silint.reference import EmbreeQMC
     from silint.scene import Scene
 
-__all__ = ["LEVELS", "run_bench"]
+__all__ = ["EMBREE", "ISOLINES", "LEVELS", "RAYS", "prepare_references", "run_bench", "supported_methods"]
 
 FloatArray = npt.NDArray[np.float64]
 # progress(stage, done, total)
 StageProgress = Callable[[str, int, int], None]
 
-SCHEMA = "silint-bench/1"
+SCHEMA = "silint-bench/2"
+EMBREE = "embree"
 ISOLINES = (8, 16, 32, 64, 128, 256, 512)
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
 LEVELS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
+
+# The error at which building is weighed against Embree's time.
+PAYS_AT = 1e-3
+
+# The first method's share of the time aimed at: it is timed on most points. The others share the rest.
+_FIRST_SHARE = 0.5
+
+# How many times more points a second look takes than the first.
+_SECOND_LOOK = 8
+
+# Rays of Embree alone, a setting, and how often; the best counts, in Embree's favour.
+_BARE_RAYS, _BARE_RUNS = 1 << 22, 3
 
 
 @dataclass
@@ -42,29 +55,41 @@ class _Setting:
 
     method: str
     setting: int
-    run: Callable[[int], FloatArray]  # values of the first n points
+    run: Callable[[int, bool], tuple[FloatArray, dict[str, int]]]  # first n points; with diagnostics?
+    most: int  # points that may be timed
     points: int = 0
-    rounds: int = 0
+    rounds: int = 0  # none: left out, there was no time for it
     prepare_seconds: float = 0.0
     seconds: list[float] = field(default_factory=list)
-    value: FloatArray | None = None
+    value: FloatArray = field(default_factory=lambda: np.empty(0))
+    diagnostics: dict[str, int] = field(default_factory=dict)
 
-    def timed(self, n: int) -> float:
+    def timed(self, n: int, look: bool = False) -> float:
         start = time.perf_counter()
-        self.value = self.run(n)[:ERROR_POINTS]
-        return time.perf_counter() - start
+        self.value, diagnostics = self.run(n, look)
+        seconds = time.perf_counter() - start
+        if look:
+            self.diagnostics = diagnostics
+        return seconds
 
 
 def run_bench(
     scenes: Sequence[Scene | str | os.PathLike[str]],
     *,
+    methods: Sequence[str] = ("auto",),
     points: int = 2048,
+    embree_points: int | None = None,
+    error_points: int = 256,
+    sites: str = "surface",
     isolines: Sequence[int] = ISOLINES,
     rays: Sequence[int] = RAYS,
     weighting: str = "cosine",
     seed: int = 0,
     repeats: int = 3,
     seconds: float = 60.0,
+    goal: float = 0.0,
+    reference_method: str = "octahedral",
+    references: str | os.PathLike[str] | None = None,
     progress: StageProgress | None = None,
 ) -> dict[str, Any]:
     """Measure error against run time on some scenes; see the package's docstring for how.
@@ -72,8 +97,15 @@ def run_bench(
     Parameters
     ----------
     scenes : sequence of Scene or path
-    points : int
-        Points timed, at most; the first 256 of them are compared with the reference.
+    methods : sequence of str
+        Of silint; the first one is given most of the time. Those that this silint does not have are left
+        out.
+    points, embree_points : int
+        Points timed, at most, of silint and of Embree (default: as many).
+    error_points : int
+        The first of them, which are compared with the reference.
+    sites : {"surface", "vertices"}
+        See `silint.bench.sites.shade_sites`.
     isolines, rays : sequences of int
         Settings of the two sides. Rays are powers of two.
     weighting : {"cosine", "uniform"}
@@ -83,6 +115,12 @@ def run_bench(
         Rounds, of which the median counts.
     seconds : float
         Aim for the time spent in rounds, a scene.
+    goal : float
+        Standard error that suffices for the reference; 0 for the best there is.
+    reference_method : str
+        The method of silint that the reference takes.
+    references : path, optional
+        A folder that keeps references from one run to the next.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -99,7 +137,11 @@ def run_bench(
     from silint.scene import as_scene
 
     choice(weighting, "weighting", ("cosine", "uniform"))
-    points = positive_int(points, "points", minimum=ERROR_POINTS)
+    choice(sites, "sites", SITES)
+    error_points = positive_int(error_points, "error_points", minimum=2)
+    points = positive_int(points, "points", minimum=error_points)
+    if embree_points is None:
+        embree_points = points
     repeats = positive_int(repeats, "repeats")
     seed = positive_int(seed, "seed", minimum=0)
     if not seconds > 0:
@@ -112,84 +154,162 @@ def run_bench(
     bad = [r for r in rays if r & (r - 1)]
     if bad:
         raise InputError(f"rays must be powers of two, as Sobol sequences are; {bad[0]} is not one")
+    known = supported_methods(methods)
+    supported_methods([reference_method])
     options = {
+        "methods": known,
         "points": points,
+        "embree_points": positive_int(embree_points, "embree_points", minimum=error_points),
+        "error_points": error_points,
+        "sites": sites,
         "isolines": sorted(set(isolines)),
         "rays": sorted(set(rays)),
         "weighting": weighting,
         "seed": seed,
         "repeats": repeats,
         "seconds": seconds,
-        "error_points": ERROR_POINTS,
+        "goal": goal,
+        "reference_method": reference_method,
     }
     loaded = [as_scene(s) for s in scenes]
-    load = _load_average()
-    results = [_bench_scene(scene, options, progress) for scene in loaded]
-    return {
-        "schema": SCHEMA,
-        **{name: importlib.metadata.version(name) for name in ("numpy", "numba", "embreex")},
-        "silint": _version(),
-        "machine": {
-            "processor": _processor(),
-            "threads": _threads(),
-            "threading_layer": _threading_layer(),
-            "load_average": load,
-        },
-        "options": options,
-        "scenes": results,
-    }
+    about = machine.describe()
+    results = [_bench_scene(scene, options, references, progress) for scene in loaded]
+    about["threading_layer"] = machine.describe()["threading_layer"]
+    return {"schema": SCHEMA, **machine.versions(), "machine": about, "options": options, "scenes": results}
 
 
-def _bench_scene(scene: Scene, options: dict[str, Any], progress: StageProgress | None) -> dict[str, Any]:
+def supported_methods(methods: Iterable[str]) -> list[str]:
+    """Those that this silint has, tried on the packaged scene; which also compiles them.
+
+    Raises
+    ------
+    InputError
+        None is left.
+    """
+    from silint.demo import demo_scene
     from silint.integrator import SilhouetteIntegrator
-    from silint.reference import EmbreeQMC, embree_points
+
+    integrator = SilhouetteIntegrator(demo_scene())
+    points, normals = integrator.scene.vertices[:1], [[0.0, 0.0, 1.0]]
+    known, refused = [], ""
+    for method in dict.fromkeys(methods):
+        try:
+            integrator.ambient_occlusion(points, normals, isolines=2, method=method)
+        except InputError as error:
+            refused = str(error)
+        else:
+            known.append(method)
+    if not known:
+        raise InputError(f"methods has none that can be measured: {refused or 'it is empty'}")
+    return known
+
+
+def prepare_references(
+    scene: Scene,
+    references: str | os.PathLike[str],
+    options: dict[str, Any],
+    progress: StageProgress | None = None,
+) -> None:
+    """Compute what `run_bench` with these options will want to read from its folder of references."""
+    from silint.reference import EmbreeQMC
+
+    vertices, points, normals = _question(scene, options)
+    embree = EmbreeQMC(vertices, scene.faces, threads=machine.n_threads())
+    _truth(scene, vertices, points, normals, embree, options, references, partial(_report, scene, progress))
+
+
+def _report(scene: Scene, progress: StageProgress | None, stage: str, done: int, total: int) -> None:
+    if progress is not None:
+        progress(f"{_name(scene)}: {stage}", done, total)
+
+
+def _name(scene: Scene) -> str:
+    return scene.name or f"{scene.n_faces} triangles"
+
+
+def _question(scene: Scene, options: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Vertices that both sides can have (float32 numbers in double precision), points, and normals."""
     from silint.scene import Scene
 
-    name = scene.name or f"{scene.n_faces} triangles"
-
-    def report(stage: str, done: int, total: int) -> None:
-        if progress is not None:
-            progress(f"{name}: {stage}", done, total)
-
-    report("building", 0, 1)
-    SilhouetteIntegrator(Scene(np.eye(3), [[0, 1, 2]]))  # compiles
-    # Float32 numbers in double precision: the vertices that both sides can have.
     vertices = scene.vertices.astype(np.float32).astype(np.float64)
     rng = np.random.default_rng(options["seed"])
-    points, normals, face_ids = _area_samples(vertices, scene.faces, options["points"], rng)
-    points = embree_points(vertices, scene.faces, points, normals, face_ids)
+    rounded = Scene(vertices, scene.faces, scene.normals)
+    return vertices, *shade_sites(rounded, options["sites"], options["points"], rng)
+
+
+def _truth(
+    scene: Scene,
+    vertices: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    embree: EmbreeQMC,
+    options: dict[str, Any],
+    references: str | os.PathLike[str] | None,
+    report: StageProgress,
+) -> tuple[Reference, dict[str, Any]]:
+    m = options["error_points"]
+    return judged_reference(
+        vertices, scene.faces, points[:m], normals[:m], embree, options, options["goal"], references, report
+    )
+
+
+def _bench_scene(
+    scene: Scene,
+    options: dict[str, Any],
+    references: str | os.PathLike[str] | None,
+    progress: StageProgress | None,
+) -> dict[str, Any]:
+    from silint.integrator import SilhouetteIntegrator
+    from silint.reference import EmbreeQMC
+    from silint.scene import Scene
+
+    report = partial(_report, scene, progress)
+    report("building", 0, 1)
+    vertices, points, normals = _question(scene, options)
     start = time.perf_counter()
     integrator = SilhouetteIntegrator(Scene(vertices, scene.faces))
     middle = time.perf_counter()
-    embree = EmbreeQMC(vertices, scene.faces, threads=_threads())
+    embree = EmbreeQMC(vertices, scene.faces, threads=machine.n_threads())
     end = time.perf_counter()
     report("building", 1, 1)
+    # What a method builds when it is first asked counts as building.
+    build_seconds = {EMBREE: end - middle}
+    for method in options["methods"]:
+        began = time.perf_counter()
+        integrator.ambient_occlusion(points[:1], normals[:1], isolines=2, method=method)
+        build_seconds[method] = middle - start + time.perf_counter() - began
 
     settings = _settings(integrator, embree, points, normals, options)
     _warm_up(settings, partial(report, "warming up"))
-    _run_rounds(settings, options, len(points), partial(report, "timing"))
+    _run_rounds(settings, options, partial(report, "timing"))
+    settings = [s for s in settings if s.rounds]
 
-    truth = reference(vertices, scene.faces, points, normals, options, rng, report)
-    verdict = check(embree, truth, points, normals, options, report)
+    truth, verdict = _truth(scene, vertices, points, normals, embree, options, references, report)
     rows = [_row(s, truth) for s in settings]
     report("bare Embree", 0, 1)
     for setting, row in zip(settings, rows, strict=True):
-        if setting.method == "embree":
+        if setting.method == EMBREE:
             n = setting.points
             row["rays_per_second"] = setting.setting * n / row["seconds"]
-            row["bare_rays_per_second"] = embree.bare_rays_per_second(
-                points[:n], normals[:n], setting.setting, opponent_seed(options["seed"])
+            seed = opponent_seed(options["seed"])
+            row["bare_rays_per_second"] = max(
+                embree.bare_rays_per_second(points[:n], normals[:n], setting.setting, seed, _BARE_RAYS)
+                for _ in range(_BARE_RUNS)
             )
     report("bare Embree", 1, 1)
+    equal_error = _equal_error(rows, options["methods"])
     return {
-        "name": name,
+        "name": _name(scene),
         "n_faces": scene.n_faces,
         "n_vertices": scene.n_vertices,
-        "build_seconds": {"silint": middle - start, "embree": end - middle},
+        "points": len(points),
+        "memory": integrator.memory,
+        "build_seconds": build_seconds,
+        "pays_after": _pays_after(build_seconds, equal_error, options["methods"]),
         "reference": truth.as_dict(),
         "check": verdict,
         "rows": rows,
-        "equal_error": _equal_error(rows),
+        "equal_error": equal_error,
     }
 
 
@@ -203,29 +323,29 @@ def _settings(
     """All settings of both sides in turns, cheap ones first."""
     weighting, seed = options["weighting"], opponent_seed(options["seed"])
 
-    def silhouettes(k: int, n: int) -> FloatArray:
-        value: FloatArray = integrator.ambient_occlusion(
-            points[:n], normals[:n], isolines=k, weighting=weighting
+    def silhouettes(method: str, k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
+        result = integrator.ambient_occlusion(
+            points[:n], normals[:n], isolines=k, weighting=weighting, method=method, full_output=look
         )
-        return value
+        return (result.value, dict(result.diagnostics)) if look else (result, {})
 
-    def monte_carlo(k: int, n: int) -> FloatArray:
-        return embree.ambient_occlusion(points[:n], normals[:n], k, seed, weighting).value
+    def monte_carlo(k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
+        return embree.ambient_occlusion(points[:n], normals[:n], k, seed, weighting).value, {}
 
-    ours = [_Setting("silint", k, partial(silhouettes, k)) for k in options["isolines"]]
-    theirs = [_Setting("embree", k, partial(monte_carlo, k)) for k in options["rays"]]
-    longer, shorter = (ours, theirs) if len(ours) >= len(theirs) else (theirs, ours)
-    merged = []
-    for i, setting in enumerate(longer):
-        merged.append(setting)
-        merged += shorter[i : i + 1]
-    return merged
+    most = min(options["embree_points"], len(points))
+    columns = [
+        [_Setting(method, k, partial(silhouettes, method, k), len(points)) for k in options["isolines"]]
+        for method in options["methods"]
+    ]
+    columns.append([_Setting(EMBREE, k, partial(monte_carlo, k), most) for k in options["rays"]])
+    longest = max(len(column) for column in columns)
+    return [column[i] for i in range(longest) for column in columns if i < len(column)]
 
 
 def _warm_up(settings: list[_Setting], report: Callable[[int, int], None]) -> None:
     """Compile, then let every setting build what it needs once: tables, Sobol sets."""
     report(0, len(settings))
-    for method in ("silint", "embree"):
+    for method in {s.method: None for s in settings}:
         next(s for s in settings if s.method == method).timed(1)
     for i, setting in enumerate(settings):
         setting.prepare_seconds = setting.timed(1)
@@ -233,18 +353,24 @@ def _warm_up(settings: list[_Setting], report: Callable[[int, int], None]) -> No
 
 
 def _run_rounds(
-    settings: list[_Setting], options: dict[str, Any], n_points: int, report: Callable[[int, int], None]
+    settings: list[_Setting], options: dict[str, Any], report: Callable[[int, int], None]
 ) -> None:
     """Time everything in turns; a first pass over few points tells how many points and rounds to afford."""
-    share = options["seconds"] / len(settings)
+    methods = list(dict.fromkeys(s.method for s in settings))
+    shares = [_FIRST_SHARE, *([(1 - _FIRST_SHARE) / (len(methods) - 1)] * (len(methods) - 1))]
+    left = dict(zip(methods, (options["seconds"] * share for share in shares), strict=True))
+    waiting = {method: sum(s.method == method for s in settings) for method in methods}
+    once = dict.fromkeys(methods, 0.0)
     passes = options["repeats"] + 1
     for i, setting in enumerate(settings):
         report(i, passes * len(settings))
-        once = setting.timed(ERROR_POINTS)
-        setting.rounds = int(np.clip(share / once, 1, options["repeats"]))
-        setting.points = int(np.clip(ERROR_POINTS * share / (setting.rounds * once), ERROR_POINTS, n_points))
-        if setting.rounds == 1:
-            setting.points, setting.seconds = ERROR_POINTS, [once]
+        method = setting.method
+        # No look at a setting when already the one before, which is cheaper, takes more than what is left.
+        if once[method] <= left[method]:
+            # What cheap settings leave of their method's time goes to the expensive ones.
+            once[method], spent = _afford(setting, left[method] / waiting[method], options)
+            left[method] = max(left[method] - spent, 0.0)
+        waiting[method] -= 1
     for r in range(options["repeats"]):
         for i, setting in enumerate(settings):
             report((r + 1) * len(settings) + i, passes * len(settings))
@@ -253,9 +379,26 @@ def _run_rounds(
     report(1, 1)
 
 
+def _afford(setting: _Setting, share: float, options: dict[str, Any]) -> tuple[float, float]:
+    """Decide on a setting's points and rounds; the times of a first look and of everything."""
+    fewest = n = min(int(options["error_points"]), setting.most)
+    first = once = looked = setting.timed(n, look=True)
+    setting.rounds = int(np.clip(share / once, 1, options["repeats"]))
+    if setting.rounds == 1:
+        setting.points, setting.seconds = n, [once]
+        return first, first
+    a_round = share / setting.rounds
+    if setting.method != EMBREE and a_round > _SECOND_LOOK * once and setting.most > _SECOND_LOOK * n:
+        # Points in company share work, so that the few of the first look cost more each.
+        n *= _SECOND_LOOK
+        once = setting.timed(n, look=True)
+        looked += once
+    setting.points = int(np.clip(n * a_round / once, fewest, setting.most))
+    return first, looked + setting.rounds * setting.points * once / n
+
+
 def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
-    assert setting.value is not None
-    difference = setting.value - truth.value
+    difference = setting.value[: len(truth.value)] - truth.value
     rmse = rms(difference)
     seconds = statistics.median(setting.seconds)
     n = setting.points
@@ -270,82 +413,44 @@ def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
         "max_error": float(np.abs(difference).max()),
         "resolved": truth.resolves(rmse),
     }
-    if setting.method == "silint":
-        row["prepare_seconds"] = setting.prepare_seconds
+    if setting.method != EMBREE:
+        row |= {"prepare_seconds": setting.prepare_seconds, "diagnostics": setting.diagnostics}
     return row
 
 
-def _equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _equal_error(rows: list[dict[str, Any]], methods: list[str]) -> list[dict[str, Any]]:
     curves = {}
-    for method in ("silint", "embree"):
+    for method in [*methods, EMBREE]:
         # An RMSE that the reference's noise may have made is no point of a curve.
         known = [r for r in rows if r["method"] == method and r["resolved"]]
         curves[method] = ([r["us_per_point"] for r in known], [r["rmse"] for r in known])
     out = []
     for level in LEVELS:
-        ours, theirs = (time_at_error(*curves[method], level) for method in ("silint", "embree"))
-        ratio = speedup(ours, theirs)
+        times = {method: time_at_error(*curve, level) for method, curve in curves.items()}
+        first = times[methods[0]]
         out.append(
             {
                 "rmse": level,
-                "silint": ours and {"us_per_point": ours.value, "bound": ours.bound},
-                "embree": theirs and {"us_per_point": theirs.value, "bound": theirs.bound},
-                "speedup": ratio and {"value": ratio.value, "bound": ratio.bound},
+                "times": {method: _as_dict(t) for method, t in times.items()},
+                "speedups": {method: _as_dict(speedup(times[method], times[EMBREE])) for method in methods},
+                "costs": {method: _as_dict(speedup(first, times[method])) for method in methods[1:]},
             }
         )
     return out
 
 
-# ------------------------------------------------------------------------------------------------- helpers
+def _pays_after(
+    build_seconds: dict[str, float], equal_error: list[dict[str, Any]], methods: list[str]
+) -> dict[str, Any]:
+    times = next(row["times"] for row in equal_error if row["rmse"] == PAYS_AT)
+    known = {method: t and Bounded(**t) for method, t in times.items()}
+    out = {}
+    for method in methods:
+        found = pays_after(build_seconds[method], known[method], known[EMBREE])
+        # JSON has no infinity.
+        out[method] = _as_dict(found) if found is None or np.isfinite(found.value) else "never"
+    return out
 
 
-def _area_samples(
-    vertices: FloatArray, faces: npt.NDArray[np.int32], n: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
-    """Points uniform in area on the front of the faces, with their normals and faces."""
-    corners = vertices[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(cross, axis=1)
-    if not area.sum() > 0:
-        raise InputError("no face has any area; there is nowhere to put points")
-    face_ids = rng.choice(len(faces), size=n, p=area / area.sum())
-    # Reflected at the diagonal, the unit square covers the triangle evenly.
-    st = rng.random((n, 2))
-    st = np.where(st.sum(axis=1, keepdims=True) > 1, 1 - st, st)
-    a, b, c = (corners[face_ids, k] for k in range(3))
-    points = a + st[:, :1] * (b - a) + st[:, 1:] * (c - a)
-    return points, cross[face_ids] / area[face_ids, None], face_ids
-
-
-def _threads() -> int:
-    import numba
-
-    return int(numba.get_num_threads())
-
-
-def _threading_layer() -> str:
-    import numba
-
-    return str(numba.threading_layer())  # type: ignore[attr-defined]
-
-
-def _load_average() -> float | None:
-    """Processes that wanted a core during the last minute, before anything was measured."""
-    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
-
-
-def _version() -> str:
-    from silint import __version__
-
-    return __version__
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as stream:
-            for line in stream:
-                if line.startswith("model name"):
-                    return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
+def _as_dict(number: Bounded | None) -> dict[str, Any] | None:
+    return None if number is None else number._asdict()

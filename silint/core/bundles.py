@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from silint.core.jit import INNER, PARALLEL
+from silint.core.jit import INNER, KERNEL, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.partition import aligned_order, level_blocks
-from silint.core.topology import Topology
+from silint.core.topology import Edges, Topology, edges_of
 
 # A unit of normal spread counts like this part of the scene's extent when edges are grouped. Larger
 # values make the dual test reject more, smaller ones the position test; measured on clutter and scans.
@@ -57,11 +57,12 @@ def build_edge_bundles(topology: Topology) -> tuple[EdgeBundles, EdgeBundles, in
 
     A *flat* edge has faces that share planes and cancel: its jump is 0 from everywhere.
     """
-    codes = _edge_planes(topology.edge_faces, topology.face_planes)
-    flat = _flat_edges(topology.edge_offsets, codes)
-    ordinary = np.diff(topology.edge_offsets) == 2
-    contour = _build(topology, codes, np.flatnonzero(ordinary & ~flat).astype(np.int32), True)
-    boundary = _build(topology, codes, np.flatnonzero(~ordinary & ~flat).astype(np.int32), False)
+    edges = edges_of(topology)
+    codes = _edge_planes(edges.faces, topology.face_planes)
+    flat = _flat_edges(edges.offsets, codes)
+    ordinary = np.diff(edges.offsets) == 2
+    contour = _build(topology, edges, codes, np.flatnonzero(ordinary & ~flat).astype(np.int32), True)
+    boundary = _build(topology, edges, codes, np.flatnonzero(~ordinary & ~flat).astype(np.int32), False)
     return contour, boundary, int(flat.sum())
 
 
@@ -89,9 +90,11 @@ def _flat_edges(offsets, codes):
     return flat
 
 
-def _build(topology: Topology, codes: np.ndarray, chosen: np.ndarray, pairs: bool) -> EdgeBundles:
-    ends = topology.edges[chosen]
-    offsets, planes = _gather(topology.edge_offsets, codes, chosen)
+def _build(
+    topology: Topology, found: Edges, codes: np.ndarray, chosen: np.ndarray, pairs: bool
+) -> EdgeBundles:
+    ends = found.ends[chosen]
+    offsets, planes = _gather(found.offsets, codes, chosen)
     order = aligned_order(_keys(topology.vertices, topology.planes, ends, planes, pairs))
     ends = np.ascontiguousarray(ends[order])
     offsets, planes = _gather(offsets, planes, order)
@@ -111,22 +114,24 @@ def _gather(offsets: np.ndarray, values: np.ndarray, rows: np.ndarray) -> tuple[
     counts = np.diff(offsets)[rows]
     new_offsets = np.zeros(len(rows) + 1, dtype=np.int32)
     np.cumsum(counts, out=new_offsets[1:])
-    source = np.repeat(offsets[:-1][rows] - new_offsets[:-1], counts) + np.arange(new_offsets[-1])
+    source = np.repeat(offsets[:-1][rows] - new_offsets[:-1], counts)
+    source += np.arange(new_offsets[-1], dtype=np.int32)
     return new_offsets, np.ascontiguousarray(values[source])
 
 
-def _keys(
-    vertices: np.ndarray, planes: np.ndarray, ends: np.ndarray, codes: np.ndarray, pairs: bool
-) -> np.ndarray:
+@njit(**KERNEL)
+def _keys(vertices, planes, ends, codes, pairs):
     """What to keep together: edges near each other and, where the dual test applies, alike in normal."""
-    keys = np.empty((len(ends), 6 if pairs else 3), np.float32)
-    keys[:, :3] = 0.5 * (vertices[ends[:, 0]] + vertices[ends[:, 1]])
-    if pairs:
-        # The second plane is negated, as everywhere.
-        keys[:, 3:] = 0.0
-        for side, sign in ((codes[0::2], 0.5), (codes[1::2], -0.5)):
-            normal = planes[np.where(side < 0, ~side, side), :3]
-            keys[:, 3:] += NORMAL_WEIGHT * np.where(side < 0, -sign, sign)[:, None] * normal
+    keys = np.zeros((len(ends), 6 if pairs else 3), np.float32)
+    for e in range(len(ends)):
+        for axis in range(3):
+            keys[e, axis] = 0.5 * (vertices[ends[e, 0], axis] + vertices[ends[e, 1], axis])
+        for side in range(2 if pairs else 0):
+            # The second plane is negated, as everywhere.
+            code = codes[2 * e + side]
+            weight = 0.5 * NORMAL_WEIGHT if (code >= 0) == (side == 0) else -0.5 * NORMAL_WEIGHT
+            for axis in range(3):
+                keys[e, 3 + axis] += weight * planes[max(code, ~code), axis]
     return keys
 
 

@@ -88,10 +88,22 @@ def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts,
     sound = True
     n_lines = len(horizon)
     for k in range(n_lines):
-        lo, hi = k * capacity, k * capacity + count[k]
-        _sort_line(key, gain, lo, hi)
+        c = count[k]
+        lo = k * capacity
+        if c == 0 or (c == 1 and w + gain[lo] >= 0 and key[lo] < np.inf):
+            # Most lines: open down to the only crossing, or from it, or nowhere.
+            y = key[lo] if c == 1 else horizon[k]
+            after = w + gain[lo] if c == 1 else w
+            opens, closes = w == 0, c == 1 and after == 0
+            if opens or closes:
+                found[n_found, 0] = np.inf if opens else y
+                found[n_found, 1] = horizon[k] if closes else y
+            n_found += opens or closes
+            counts[i, k] = opens or closes
+            continue
+        _sort_line(key, gain, lo, lo + c)
         first = n_found
-        n_found, line_sound = _sweep_line(key, gain, lo, hi, horizon[k], w, found, n_found)
+        n_found, line_sound = _sweep_line(key, gain, lo, lo + c, horizon[k], w, found, n_found)
         sound = sound and line_sound
         counts[i, k] = n_found - first
     if sound:

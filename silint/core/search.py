@@ -57,7 +57,7 @@ _SLACK = 2.0**-20
 # An int16 edge is off by half a step in each coordinate, of position and of normal.
 _STEP = 0.52 / FULL_SCALE
 # A packet that may reach more lines than this is not tested against them: most of its edges cross one.
-FEW_LINES = 3
+FEW_LINES = 12
 # Error of an octahedral u.
 _U_ERROR = 4e-6
 # Error of the rough azimuth, in radians.
@@ -126,30 +126,29 @@ def tile_mask(nodes, block, tile):
 
 
 @njit(**FILTER)
-def tile_edge_mask(edges, bundle, x, y, z, radius, tile):
-    """Edges of a bundle, with its centre at (x, y, z) from that of the tile, that some point may need."""
+def tile_edge_mask(edges, bundle, x, y, z, radius, tile, decoded):
+    """Edges of a bundle, with its centre at (x, y, z) from that of the tile, that some point may need.
+
+    Writes all sixteen to `decoded` (CANDIDATE_BLOCK,), relative to the tile's centre.
+    """
     base = np.uint64(bundle) * np.uint64(EDGE_BLOCK)
     sx, sy, sz = tile[3], tile[4], tile[5]
     nx, ny, nz = tile[6], tile[7], tile[8]
     ux, uy, uz = tile[9], tile[10], tile[11]
     unit = _F(1.0 / FULL_SCALE)
     scale = radius * unit
-    undecided = _F(_STEP) * (abs(x) + abs(y) + abs(z) + sx + sy + sz + radius) + tile[12]
-    rx, ry, rz = -x * unit, -y * unit, -z * unit
-    vx, vy, vz = sx * unit, sy * unit, sz * unit
+    wrong = _F(_STEP) * (abs(x) + abs(y) + abs(z) + sx + sy + sz + radius) + tile[12]
     # What the points' own places and normals may add to a vertex's height.
-    lift = (
-        (abs(nx) + ux) * sx + (abs(ny) + uy) * sy + (abs(nz) + uz) * sz + _F(2.0 * _STEP) * radius + tile[12]
-    )
+    lift = (abs(nx) + ux) * sx + (abs(ny) + uy) * sy + (abs(nz) + uz) * sz + _F(2.0) * wrong
     mask = np.uint32(0)
     for i in range(_UW):
         j = base + i
-        fx, fy, fz = _F(edges[j + _AX]), _F(edges[j + _AY]), _F(edges[j + _AZ])
-        gx, gy, gz = _F(edges[j + _BX]), _F(edges[j + _BY]), _F(edges[j + _BZ])
-        f = rx * fx + ry * fy + rz * fz + scale * edges[j + _AO]
-        g = rx * gx + ry * gy + rz * gz + scale * edges[j + _BO]
-        df = vx * abs(fx) + vy * abs(fy) + vz * abs(fz) + undecided
-        dg = vx * abs(gx) + vy * abs(gy) + vz * abs(gz) + undecided
+        fx, fy, fz = unit * edges[j + _AX], unit * edges[j + _AY], unit * edges[j + _AZ]
+        gx, gy, gz = unit * edges[j + _BX], unit * edges[j + _BY], unit * edges[j + _BZ]
+        f = scale * edges[j + _AO] - (fx * x + fy * y + fz * z)
+        g = scale * edges[j + _BO] - (gx * x + gy * y + gz * z)
+        df = sx * abs(fx) + sy * abs(fy) + sz * abs(fz) + wrong
+        dg = sx * abs(gx) + sy * abs(gy) + sz * abs(gz) + wrong
         same = ((f > df) & (g > dg)) | ((f < -df) & (g < -dg))
         ax, ay, az = x + scale * edges[j + _VX], y + scale * edges[j + _VY], z + scale * edges[j + _VZ]
         bx, by, bz = x + scale * edges[j + _WX], y + scale * edges[j + _WY], z + scale * edges[j + _WZ]
@@ -157,6 +156,11 @@ def tile_edge_mask(edges, bundle, x, y, z, radius, tile):
         b = nx * bx + ny * by + nz * bz + ux * abs(bx) + uy * abs(by) + uz * abs(bz)
         drop = same | ((a < -lift) & (b < -lift))
         mask |= np.uint32(not drop) << np.uint32(i)
+        decoded[i + _AX], decoded[i + _AY], decoded[i + _AZ], decoded[i + _AO] = fx, fy, fz, f
+        decoded[i + _BX], decoded[i + _BY], decoded[i + _BZ], decoded[i + _BO] = gx, gy, gz, g
+        decoded[i + _VX], decoded[i + _VY], decoded[i + _VZ] = ax, ay, az
+        decoded[i + _WX], decoded[i + _WY], decoded[i + _WZ] = bx, by, bz
+        decoded[i + _WRONG] = wrong
     return np.int64(mask)
 
 
@@ -333,6 +337,7 @@ def gather_candidates(nodes, levels, edges, n_edges, tile, stack, candidates, ed
     if n_edges == 0:
         return count
     n_bundles = (n_edges + WIDTH - 1) // WIDTH
+    decoded = np.empty(CANDIDATE_BLOCK, np.float32)
     top = 1
     stack[0, 0], stack[0, 1] = len(levels) - 2, 0
     while top > 0:
@@ -355,7 +360,7 @@ def gather_candidates(nodes, levels, edges, n_edges, tile, stack, candidates, ed
             y = nodes[base + (CENTRE + 1) * WIDTH] - tile[1]
             z = nodes[base + (CENTRE + 2) * WIDTH] - tile[2]
             radius = nodes[base + RADIUS * WIDTH]
-            hits = tile_edge_mask(edges, child, x, y, z, radius, tile)
+            hits = tile_edge_mask(edges, child, x, y, z, radius, tile, decoded)
             while hits != 0:
                 lane = lowest(hits)
                 hits &= hits - 1
@@ -363,33 +368,18 @@ def gather_candidates(nodes, levels, edges, n_edges, tile, stack, candidates, ed
                     break
                 if count < len(edge_ids):
                     edge_ids[count] = child * WIDTH + lane
-                    _pack(edges, child, lane, x, y, z, radius, tile, candidates, count)
+                    _pack(decoded, lane, candidates, count)
                 count += 1
     return count
 
 
 @njit(**INNER)
-def _pack(edges, bundle, lane, x, y, z, radius, tile, candidates, slot):
-    """Write one candidate, relative to the tile's centre."""
-    source = bundle * EDGE_BLOCK + lane
-    target = (slot // WIDTH) * CANDIDATE_BLOCK + slot % WIDTH
-    unit = _F(1.0 / FULL_SCALE)
-    scale = radius * unit
-    for plane in (PLANE_A, PLANE_B):
-        fx = edges[source + plane * WIDTH] * unit
-        fy = edges[source + (plane + 1) * WIDTH] * unit
-        fz = edges[source + (plane + 2) * WIDTH] * unit
-        candidates[target + plane * WIDTH] = fx
-        candidates[target + (plane + 1) * WIDTH] = fy
-        candidates[target + (plane + 2) * WIDTH] = fz
-        offset = scale * edges[source + (plane + 3) * WIDTH]
-        candidates[target + (plane + 3) * WIDTH] = offset - (fx * x + fy * y + fz * z)
-    for vertex in (VERTEX_A, VERTEX_B):
-        candidates[target + vertex * WIDTH] = x + scale * edges[source + vertex * WIDTH]
-        candidates[target + (vertex + 1) * WIDTH] = y + scale * edges[source + (vertex + 1) * WIDTH]
-        candidates[target + (vertex + 2) * WIDTH] = z + scale * edges[source + (vertex + 2) * WIDTH]
-    far = abs(x) + abs(y) + abs(z) + tile[3] + tile[4] + tile[5] + radius
-    candidates[target + WRONG * WIDTH] = _F(_STEP) * far + tile[12]
+def _pack(decoded, lane, candidates, slot):
+    """Copy one edge to the candidates."""
+    source = np.uint64(lane)
+    target = np.uint64((slot // WIDTH) * CANDIDATE_BLOCK + slot % WIDTH)
+    for field in range(np.uint64(0), np.uint64(CANDIDATE_BLOCK), _UW):
+        candidates[target + field] = decoded[source + field]
 
 
 @njit(**INNER)

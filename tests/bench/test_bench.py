@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from silint.bench import bench_command, plot, print_tables, run_bench, truth
+from silint.bench import bench_command, plot, plot_scaling, print_tables, run_bench, scaling, truth
+from silint.bench.measure import LEVELS, prepare_references, supported_methods
+from silint.bench.sites import area_samples, shade_sites, spread
+from silint.bench.tolerance import calibrate
 from silint.reference import EmbreeQMC, embree_available
 from silint.scene import Scene
 from silint.validation import InputError
@@ -33,14 +36,14 @@ def report() -> dict[str, Any]:
     # A reference of 256 lines is far better than the 8 and 32 that it judges, and quick.
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(truth, "_REFERENCE_ISOLINES", 256)
-        return run_bench([_tent()], points=300, isolines=(32, 8), rays=(64, 1024), repeats=2, seconds=0.4)
+        return run_bench([_tent()], points=300, isolines=(32, 8), rays=(64, 1024), repeats=2, seconds=1.0)
 
 
 def test_every_setting_has_a_row(report: dict[str, Any]) -> None:
     scene = report["scenes"][0]
     assert scene["name"] == "tent" and scene["n_faces"] == 6
     assert [(r["method"], r["setting"]) for r in scene["rows"]] == [
-        ("silint", 8), ("embree", 64), ("silint", 32), ("embree", 1024),
+        ("auto", 8), ("embree", 64), ("auto", 32), ("embree", 1024),
     ]  # fmt: skip
     for row in scene["rows"]:
         assert 256 <= row["points"] <= 300 and 1 <= row["rounds"] <= 2
@@ -55,7 +58,7 @@ def test_every_setting_has_a_row(report: dict[str, Any]) -> None:
 def test_errors_fall_and_the_reference_is_better(report: dict[str, Any]) -> None:
     scene = report["scenes"][0]
     rmse = {(r["method"], r["setting"]): r["rmse"] for r in scene["rows"]}
-    assert rmse["silint", 32] < 0.5 * rmse["silint", 8]
+    assert rmse["auto", 32] < 0.5 * rmse["auto", 8]
     assert rmse["embree", 1024] < 0.5 * rmse["embree", 64]
     noise = scene["reference"]["standard_error"]
     for row in scene["rows"]:
@@ -78,7 +81,7 @@ def test_embree_convicts_a_wrong_reference(monkeypatch: pytest.MonkeyPatch) -> N
     normals = np.tile([0.0, 0, 1], (256, 1))
     options = {"seed": 0, "weighting": "cosine"}
     embree = EmbreeQMC(scene.vertices, scene.faces)
-    right = truth.reference(scene.vertices, scene.faces, points, normals, options, rng, lambda *_: None)
+    right = truth.reference(scene.vertices, scene.faces, points, normals, options, lambda *_: None)
     wrong = right.value.copy()
     wrong[17] += 0.01
     shifted = truth.Reference(wrong, right.standard_error, right.isolines, right.rotations)
@@ -91,7 +94,7 @@ def test_the_report_is_json_and_prints(report: dict[str, Any]) -> None:
     from rich.console import Console
 
     assert json.loads(json.dumps(report)) == report
-    assert report["schema"] == "silint-bench/1"
+    assert report["schema"] == "silint-bench/2"
     out = io.StringIO()
     print_tables(report, Console(file=out, width=100))
     text = out.getvalue()
@@ -154,13 +157,105 @@ def test_a_mesh_without_area_has_no_points() -> None:
 
 
 def test_points_are_uniform_over_the_area() -> None:
-    from silint.bench.measure import _area_samples
-
     v = np.array([(0, 0, 0), (3, 0, 0), (0, 1, 0), (0, 0, 5), (1, 0, 5), (0, 1, 5)], np.float64)
     faces = np.array([[0, 1, 2], [3, 5, 4], [0, 0, 1]], np.int32)
-    p, n, ids = _area_samples(v, faces, 4000, np.random.default_rng(0))
+    p, n, ids = area_samples(v, faces, 4000, np.random.default_rng(0))
     # Three quarters on the large one: 4000 draws tell to 0.7 %.
     assert (ids == 0).mean() == pytest.approx(0.75, abs=0.03)
     np.testing.assert_array_equal(n[ids == 0], np.tile([0.0, 0, 1], ((ids == 0).sum(), 1)))
     np.testing.assert_array_equal(n[ids == 1], np.tile([0.0, 0, -1], ((ids == 1).sum(), 1)))
     np.testing.assert_allclose(p[ids == 0].mean(axis=0), [1, 1 / 3, 0], atol=0.06)
+
+
+def test_points_at_vertices_leave_out_those_without_a_normal() -> None:
+    v = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (7, 7, 7.0)])
+    points, normals = shade_sites(Scene(v, [[0, 1, 2]]), "vertices", 100, np.random.default_rng(0))
+    np.testing.assert_array_equal(normals, np.tile([0.0, 0, 1], (3, 1)))
+    np.testing.assert_allclose(points[np.lexsort(points.T)][:, :2], [(0, 0), (1, 0), (0, 1)])
+    assert (points[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize("n", [1, 2, 10, 5000])
+def test_every_beginning_is_spread(n: int) -> None:
+    order = spread(n)
+    np.testing.assert_array_equal(np.sort(order), np.arange(n))
+    for m in {1, min(n, 10), min(n, 512)}:
+        # Three gaps between neighbours, the longest below three means.
+        edges = np.sort(np.concatenate([[-1], order[:m], [n]]))
+        assert np.diff(edges).max() <= 3 * (n + 1) / m + 1
+
+
+def test_methods_that_do_not_exist_are_left_out() -> None:
+    assert supported_methods(["nonsense", "octahedral", "octahedral"]) == ["octahedral"]
+    with pytest.raises(InputError, match="'nonsense'"):
+        supported_methods(["nonsense"])
+
+
+def test_several_methods_and_a_cap_for_embree(tmp_path: Path) -> None:
+    options = {"points": 600, "error_points": 64, "sites": "surface", "seed": 3, "weighting": "cosine"}
+    options |= {"goal": 1e-3, "reference_method": "octahedral"}
+    scene = _tent()
+    prepare_references(scene, tmp_path, options)
+    (kept,) = tmp_path.iterdir()
+    before = kept.read_bytes(), kept.stat().st_mtime_ns
+    report = run_bench(
+        [scene],
+        **options,
+        methods=("auto", "nonsense", "octahedral"),
+        embree_points=100,
+        isolines=(8, 32),
+        rays=(64, 1024),
+        seconds=2.0,
+        references=tmp_path,
+    )
+    assert [*tmp_path.iterdir()] == [kept]
+    assert (kept.read_bytes(), kept.stat().st_mtime_ns) == before
+    found = report["scenes"][0]
+    assert 0 < found["reference"]["standard_error"] <= 1e-3
+    assert list(found["equal_error"][0]["times"]) == ["auto", "octahedral", "embree"]
+    assert set(found["build_seconds"]) == {"auto", "octahedral", "embree"}
+    assert set(found["pays_after"]) == {"auto", "octahedral"}
+    by_setting = {(r["method"], r["setting"]): r for r in found["rows"]}
+    assert max(r["points"] for r in found["rows"] if r["method"] == "embree") <= 100
+    for k in (8, 32):  # here auto is octahedral, or better
+        assert by_setting["auto", k]["diagnostics"]["points"] >= 64
+        assert by_setting["octahedral", k]["rmse"] < 0.2
+    for entry in found["equal_error"]:
+        assert set(entry["speedups"]) == {"auto", "octahedral"} and set(entry["costs"]) == {"octahedral"}
+
+
+def test_time_against_triangles(report: dict[str, Any], tmp_path: Path) -> None:
+    family = []
+    for n in (1_000, 100_000):
+        scene = copy.deepcopy(report["scenes"][0]) | {"name": f"tent_{n}", "n_faces": n}
+        for entry in scene["equal_error"]:
+            entry["times"] = {
+                "auto": {"value": 2.0 * n**0.25, "bound": ""},
+                "embree": {"value": 100.0, "bound": ">" if n > 1_000 else ""},
+            }
+        family.append(scene)
+    other = copy.deepcopy(report["scenes"][0])
+    many = {**report, "scenes": [*family[::-1], other]}
+    found = scaling(many, LEVELS[2:4], lambda name: name.startswith("tent_"))
+    assert found["scenes"] == ["tent_1000", "tent_100000"]
+    for level in found["levels"]:
+        ours, theirs = level["methods"]["auto"], level["methods"]["embree"]
+        assert (ours["factor"], ours["exponent"]) == pytest.approx((2.0, 0.25))
+        # A bound is drawn, not fitted; one time makes no law.
+        assert theirs["bound"] == ["", ">"] and theirs["exponent"] is None
+    plot_scaling(many, found, tmp_path / "scaling.png")
+    assert (tmp_path / "scaling.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="none of the family"):
+        scaling(many, LEVELS[2:4], lambda name: False)
+
+
+def test_embree_decides_where_a_tolerance_and_the_reference_differ() -> None:
+    """Four points below open sky, where the answer is 1: right, wrong, and a wrong reference."""
+    scene = _tent()
+    points = np.tile([0.0, 0.0, 5.0], (4, 1))
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    answer, reference = np.array([1.0, 1.0005, 0.9, 1.0]), np.array([1.0, 1.0, 1.0, 0.9])
+    embree = EmbreeQMC(scene.vertices, scene.faces)
+    found = calibrate(lambda tolerance: answer, reference, embree, points, normals, 1e-3)
+    assert found.within == 0.5 and found.exonerated == 0.25
+    assert found.largest == pytest.approx(0.1) and found.us_per_point >= 0

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from silint.bench.curves import Bounded, speedup, time_at_error
+from silint.bench.curves import Bounded, pays_after, power_law, speedup, time_at_error
 
 
 def test_between_settings_on_logarithms() -> None:
@@ -54,3 +56,25 @@ def test_speedup_keeps_what_the_bounds_allow(
     ours: Bounded | None, theirs: Bounded | None, expected: Bounded | None
 ) -> None:
     assert speedup(ours, theirs) == expected
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "expected"),
+    [
+        (Bounded(20.0, ""), Bounded(120.0, ""), Bounded(20_000.0, "")),
+        (Bounded(20.0, ""), Bounded(120.0, ">"), Bounded(20_000.0, "<")),
+        (Bounded(20.0, ">"), Bounded(120.0, ""), Bounded(20_000.0, ">")),
+        (Bounded(120.0, ""), Bounded(20.0, ""), Bounded(math.inf, "")),
+        (Bounded(120.0, ""), Bounded(20.0, ">"), None),
+        (Bounded(20.0, "<"), Bounded(120.0, "<"), None),
+        (None, Bounded(120.0, ""), None),
+    ],
+)
+def test_building_pays(ours: Bounded | None, theirs: Bounded | None, expected: Bounded | None) -> None:
+    """Two seconds of building against 100 us saved a point."""
+    assert pays_after(2.0, ours, theirs) == expected
+
+
+def test_a_power_law_is_found_again() -> None:
+    sizes = [9e3, 3e4, 2e6]
+    assert power_law(sizes, [5.0 * n**0.4 for n in sizes]) == pytest.approx((5.0, 0.4))

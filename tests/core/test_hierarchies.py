@@ -36,7 +36,7 @@ from silint.core.search import (
     set_tile,
 )
 from silint.core.sweep import _axes
-from silint.core.topology import ULP, Topology, build_topology
+from silint.core.topology import ULP, Topology, build_topology, edges_of
 from silint.reference import brute_force
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -183,11 +183,12 @@ def oriented_planes(topology: Topology, codes: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", SCENES)
 def test_every_edge_stands_in_one_bundle_inside_its_bounds(name: str) -> None:
     topology = topology_of(name)
+    edges = edges_of(topology)
     contour, boundary, n_flat = build_edge_bundles(topology)
-    assert len(contour.ends) + len(boundary.ends) + n_flat == len(topology.edges)
+    assert len(contour.ends) + len(boundary.ends) + n_flat == len(edges.ends)
     held = np.concatenate([contour.ends, boundary.ends])
     assert len(np.unique(held, axis=0)) == len(held)
-    number = {tuple(edge): e for e, edge in enumerate(topology.edges.tolist())}
+    number = {tuple(edge): e for e, edge in enumerate(edges.ends.tolist())}
 
     for tree in (contour, boundary):
         pairs = tree is contour
@@ -198,9 +199,7 @@ def test_every_edge_stands_in_one_bundle_inside_its_bounds(name: str) -> None:
         np.testing.assert_array_equal(tree.levels, level_blocks(n)[0])
         for e, edge in enumerate(tree.ends.tolist()):
             # The planes of an edge are those of its faces, the directions of both multiplied.
-            faces = topology.edge_faces[
-                slice(*topology.edge_offsets[number[tuple(edge)] : number[tuple(edge)] + 2])
-            ]
+            faces = edges.faces[slice(*edges.offsets[number[tuple(edge)] : number[tuple(edge)] + 2])]
             planes = [
                 topology.face_planes[f] if f >= 0 else ~topology.face_planes[~f] for f in faces.tolist()
             ]
@@ -373,7 +372,7 @@ def searched(
     topology: Topology, trees: Trees, points: np.ndarray, normals: np.ndarray, family: str, n_lines: float
 ) -> Found:
     """For each point of a tile: edges of both trees, contours among them (ends: jump), and the tally."""
-    n, n_edges = len(points), len(topology.edges)
+    n, n_edges = len(points), len(edges_of(topology).ends)
     across, over = np.empty((n, 3)), np.empty((n, 3))
     if family == "radial":
         lines, per_radian = line_table(int(n_lines)).astype(np.float32), n_lines / (2 * np.pi)
@@ -413,7 +412,7 @@ def every_edge_tested(topology: Topology, p: np.ndarray, n: np.ndarray) -> dict[
     """Contour edges with an end above the horizon, from the oracle's exact sides."""
     oracle = brute_force.contour_jumps(topology.vertices, topology.faces, p)
     np.testing.assert_array_equal(oracle.positions, topology.vertices)
-    np.testing.assert_array_equal(oracle.edges, topology.edges)
+    np.testing.assert_array_equal(oracle.edges, edges_of(topology).ends)
     above = (topology.vertices - p) @ n > 0.0
     assert not oracle.edge_on.any()
     chosen = (oracle.jumps != 0) & above[oracle.edges].any(axis=1)
@@ -487,7 +486,7 @@ def test_edges_between_isolines_cross_nothing_that_is_swept(family: str, name: s
                 assert not set(ids) & set(edges[which])
                 assert crossed_radially(topology, trees[which], ids, p, n, n_lines) == 0
     # At few lines there are many edges between two.
-    assert n_lost > 0 or n_lines > 8 or len(topology.edges) < 16 * WIDTH
+    assert n_lost > 0 or n_lines > 8 or len(edges_of(topology).ends) < 16 * WIDTH
 
 
 @njit(cache=True, error_model="numpy")
@@ -577,4 +576,4 @@ def test_the_search_is_worth_its_while() -> None:
         )
         n_tested += int(tally[EDGES])
         n_contours += len(contours)
-    assert n_contours < n_tested < 0.75 * 16 * len(topology.edges)
+    assert n_contours < n_tested < 0.75 * 16 * len(edges_of(topology).ends)

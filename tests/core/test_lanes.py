@@ -29,8 +29,8 @@ def call_tile_mask(nodes, block, tile):
 
 
 @from_python
-def call_tile_edge_mask(edges, block, place, tile):
-    return search.tile_edge_mask(edges, block[0], place[0], place[1], place[2], place[3], tile)
+def call_tile_edge_mask(edges, block, place, tile, decoded):
+    return search.tile_edge_mask(edges, block[0], place[0], place[1], place[2], place[3], tile, decoded)
 
 
 @from_python
@@ -70,7 +70,10 @@ def call_project(lanes, spans, n, frame, n_lines):
 
 TWINS: dict[str, tuple[Callable, Callable]] = {
     "tile": (call_tile_mask, lambda a, b, t: search.tile_mask.py_func(a, b[0], t)),
-    "tile edge": (call_tile_edge_mask, lambda a, b, p, t: search.tile_edge_mask.py_func(a, b[0], *p, t)),
+    "tile edge": (
+        call_tile_edge_mask,
+        lambda a, b, p, t, d: search.tile_edge_mask.py_func(a, b[0], *p, t, d),
+    ),
     "packet": (call_packet_mask, lambda a, b, q, r: search.packet_mask.py_func(a, b[0], q, r)),
     "octahedral": (call_octahedral_mask, lambda a, b, q: search.octahedral_mask.py_func(a, b[0], q)),
     "edge": (call_edge_mask, lambda a, b, o, q, s: search.edge_mask.py_func(a, b[0], o[0], q, s)),
@@ -193,7 +196,13 @@ def an_angle(rng: np.random.Generator) -> np.ndarray:
 
 INPUTS: dict[str, Callable[[np.random.Generator], tuple[np.ndarray, ...]]] = {
     "tile": lambda rng: (some_nodes(rng), FIRST, a_tile(rng)),
-    "tile edge": lambda rng: (some_edges(rng), FIRST, a_place(rng), a_tile(rng)),
+    "tile edge": lambda rng: (
+        some_edges(rng),
+        FIRST,
+        a_place(rng),
+        a_tile(rng),
+        np.zeros(search.CANDIDATE_BLOCK, np.float32),
+    ),
     "packet": lambda rng: (some_packets(rng), FIRST, a_point(rng, 16 / (2 * np.pi)), np.zeros(32, np.int32)),
     "octahedral": lambda rng: (some_packets(rng), FIRST, a_point(rng, 8.0)),
     "edge": lambda rng: (
@@ -405,7 +414,8 @@ def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile(close: bo
             tile[3:6] = tile[9:12] = 0.0
         p, n = -place[:3].astype(np.float64), tile[6:9].astype(np.float64)
         planes, ends, edges = exact_edges(rng, p, n, close)
-        kept = bits(call_tile_edge_mask(edges, FIRST, place, tile))
+        decoded = np.empty(search.CANDIDATE_BLOCK, np.float32)
+        kept = bits(call_tile_edge_mask(edges, FIRST, place, tile, decoded))
         # The tile's centre is the origin of `place`.
         points = within(rng, np.zeros(3), tile[3:6], 60) - place[:3]
         normals = within(rng, tile[6:9], tile[9:12], 60)
@@ -415,6 +425,14 @@ def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile(close: bo
         assert (kept | ~needed.any(axis=1)).all()
         n_needed += needed.any(axis=1).sum()
         n_kept += kept.sum()
+        # All are handed on, no more wrong than is said: in place, and in distance from any point of the tile.
+        table = decoded.reshape(-1, WIDTH).T.astype(np.float64)
+        wrong = table[:, search.WRONG]
+        for k, (plane, vertex) in enumerate(((0, bundles.VERTEX_A), (4, bundles.VERTEX_B))):
+            off = table[:, vertex : vertex + 3] - place[:3] - ends[:, k]
+            assert (np.linalg.norm(off, axis=1) <= 2 * wrong).all()
+            distance = table[:, plane : plane + 3] @ (points + place[:3]).T + table[:, plane + 3, None]
+            assert (np.abs(distance - sides[..., k]) <= wrong[:, None]).all()
     assert 100 < n_needed <= n_kept < 0.95 * 80 * WIDTH
 
 

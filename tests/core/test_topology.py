@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import scenes
 from scenes import polyhedra
 from scenes.mesh import concatenate, flipped
-from silint.core.topology import ULP, Topology, Welding, build_topology
+from silint.core.topology import ULP, Edges, Topology, Welding, build_topology, edges_of
 
 CLEAN = {
     "boundary_edges": 0,
@@ -35,11 +35,11 @@ def build(vertices: object, faces: object) -> tuple[Topology, Welding, dict[str,
     return built
 
 
-def half_edges(topology: Topology) -> list[tuple[int, int, int]]:
+def half_edges(edges: Edges) -> list[tuple[int, int, int]]:
     """(face, from, to) of everything that the edges list."""
     found = []
-    for e, (a, b) in enumerate(topology.edges.tolist()):
-        for code in topology.edge_faces[topology.edge_offsets[e] : topology.edge_offsets[e + 1]].tolist():
+    for e, (a, b) in enumerate(edges.ends.tolist()):
+        for code in edges.faces[edges.offsets[e] : edges.offsets[e + 1]].tolist():
             found.append((code, a, b) if code >= 0 else (~code, b, a))
     return found
 
@@ -48,12 +48,13 @@ def check_invariants(topology: Topology) -> None:
     vertices, faces = topology.vertices, topology.faces
     # Distinct positions in lexicographic order: no edge's direction depends on the file.
     assert [tuple(v) for v in vertices] == sorted({tuple(v) for v in vertices})
-    # Edges run upwards, each is listed once, and every side of every face stands under exactly one of them.
-    assert (topology.edges[:, 0] < topology.edges[:, 1]).all()
-    assert len(np.unique(topology.edges, axis=0)) == len(topology.edges)
-    assert (np.diff(topology.edge_offsets) >= 1).all()
+    # Edges run upwards, each is listed once, in order; every side of every face stands under exactly one.
+    edges = edges_of(topology)
+    assert (edges.ends[:, 0] < edges.ends[:, 1]).all()
+    np.testing.assert_array_equal(np.unique(edges.ends, axis=0), edges.ends)
+    assert (np.diff(edges.offsets) >= 1).all()
     expected = [(f, v[i], v[(i + 1) % 3]) for f, v in enumerate(faces.tolist()) for i in range(3)]
-    assert sorted(half_edges(topology)) == sorted(expected)
+    assert sorted(half_edges(edges)) == sorted(expected)
 
     # Planes: unit normals (a square root and a division: within 2 ulp), each used.
     planes = topology.planes
@@ -79,7 +80,7 @@ def check_invariants(topology: Topology) -> None:
 def test_a_box_has_six_planes_and_no_defect() -> None:
     topology, welding, defects = build(*polyhedra.box())
     assert defects == CLEAN
-    assert (len(topology.vertices), len(topology.edges), len(topology.planes)) == (8, 18, 6)
+    assert (len(topology.vertices), len(edges_of(topology).ends), len(topology.planes)) == (8, 18, 6)
     # Half edges of 1: the scale is the power of two that brings the largest coordinate to 1/2.
     assert welding.exponent == 1
     assert np.abs(topology.vertices).max() == 0.5
@@ -89,7 +90,7 @@ def test_a_box_has_six_planes_and_no_defect() -> None:
 def test_a_single_triangle_is_all_boundary() -> None:
     topology, _, defects = build(*polyhedra.triangle())
     assert defects == CLEAN | {"boundary_edges": 3}
-    assert topology.edge_offsets.tolist() == [0, 1, 2, 3]
+    assert edges_of(topology).offsets.tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize(("sheets", "non_manifold"), [(2, 0), (3, 1), (5, 1)])
@@ -102,7 +103,17 @@ def test_fin(sheets: int, non_manifold: int) -> None:
         "non_manifold_edges": non_manifold,
         "inconsistent_edges": alike,
     }
-    assert np.diff(topology.edge_offsets).max() == sheets
+    assert np.diff(edges_of(topology).offsets).max() == sheets
+
+
+def test_a_fan_of_many_blades_in_any_order() -> None:
+    # All sides but the rim's lie at one vertex, the lowest of all.
+    angle = np.linspace(0.0, 1.0, 401)
+    rim = np.stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(50 * angle)], axis=1)
+    blades = np.array([(0, j + 1, j + 2) for j in range(400)])
+    blades = blades[np.random.default_rng(8).permutation(len(blades))]
+    _, _, defects = build(np.concatenate([[(-1.0, 0.0, 0.0)], rim]), blades)
+    assert defects == CLEAN | {"boundary_edges": 402}
 
 
 def test_a_bowtie_vertex_is_no_defect_of_edges() -> None:
@@ -231,7 +242,7 @@ def test_the_order_of_the_file_does_not_matter() -> None:
     base, _, _ = build_topology(vertices, faces)
     other, welding, _ = build_topology(vertices[moved], shuffled.astype(np.int32))
     np.testing.assert_array_equal(base.vertices, other.vertices)
-    np.testing.assert_array_equal(base.edges, other.edges)
+    np.testing.assert_array_equal(edges_of(base).ends, edges_of(other).ends)
     np.testing.assert_array_equal(
         np.ldexp(other.vertices, welding.exponent)[welding.vertex_map], vertices[moved]
     )
