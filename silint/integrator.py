@@ -28,6 +28,8 @@ MAX_ISOLINES = 4096
 # Lines that a query with a tolerance starts with; doubled for the points that need it.
 _FIRST_ISOLINES = 32
 
+_MOST_STEPS = 12  # doublings, from any number of lines to MAX_ISOLINES at least
+
 # The error falls as lines ** -_RATE.
 _RATE = 1.5
 
@@ -381,7 +383,7 @@ class SilhouetteIntegrator:
                 counts = diagnose(None, 0, 0, 0)
                 self._run(integrand, method, p[rows], n[rows], rows, k, value, estimate, counts, progress)
                 above = rows[estimate[rows] > tolerance]
-                steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1)
+                steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1, _MOST_STEPS)
                 lines[above] = k * 2 ** steps.astype(int)
                 if k < MAX_ISOLINES:
                     lines[above] = np.minimum(lines[above], MAX_ISOLINES)

@@ -13,13 +13,17 @@ import trimesh
 
 import scenes
 import silint
+import silint.finder
 from scenes import polyhedra
+from scenes.clutter import clutter
 from scenes.mesh import concatenate, moved
 from silint import InputError, Result, Scene, SilhouetteIntegrator
 from silint.core.integrands import fractions, moments
+from silint.core.search import TILE
 from silint.core.topology import edges_of
 
 QUERIES = ("ambient_occlusion", "sky_view_factor", "bent_normals")
+METHODS = ("octahedral", "radial")
 K = 8
 
 
@@ -52,11 +56,14 @@ def refusal(function: Callable[..., Any], *arguments: Any, **options: Any) -> st
 # ---------------------------------------------------------------------------------------------- inputs
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("query", QUERIES)
-def test_any_layout_of_points_will_do(integrator: SilhouetteIntegrator, shade: tuple, query: str) -> None:
+def test_any_layout_of_points_will_do(
+    integrator: SilhouetteIntegrator, shade: tuple, query: str, method: str
+) -> None:
     points, normals = shade
     ask = getattr(integrator, query)
-    expected = ask(points, normals, isolines=K)
+    expected = ask(points, normals, isolines=K, method=method)
     frozen_points, frozen_normals = points.copy(), normals.copy()
     frozen_points.setflags(write=False)
     frozen_normals.setflags(write=False)
@@ -71,26 +78,34 @@ def test_any_layout_of_points_will_do(integrator: SilhouetteIntegrator, shade: t
         (points.astype(np.longdouble), normals),
         (points, 7.0 * normals),  # lengths of normals mean nothing; 7 times is rounded
     ):
-        np.testing.assert_allclose(ask(p, n, isolines=K), expected, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(ask(p, n, isolines=K, method=method), expected, rtol=0, atol=1e-13)
     # What was handed in is as it was.
     np.testing.assert_array_equal(points, frozen_points)
     np.testing.assert_array_equal(normals, frozen_normals)
 
 
-def test_float32_points_are_lifted_further(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_float32_points_are_lifted_further(
+    integrator: SilhouetteIntegrator, shade: tuple, method: str
+) -> None:
     points, normals = shade
     rounded = points.astype(np.float32)
     ask = integrator.ambient_occlusion
     # 2^-18 of the scene, which moves an outline seen from its own size away by 4e-6 of the view.
     np.testing.assert_allclose(
-        ask(rounded, normals, K), ask(rounded.astype(np.float64), normals, K), rtol=0, atol=1e-4
+        ask(rounded, normals, K, method=method),
+        ask(rounded.astype(np.float64), normals, K, method=method),
+        rtol=0,
+        atol=1e-4,
     )
     # On a face that came as float32 a point may lie behind it by 1e-7: it must not see the inside.
     vertices, faces = polyhedra.icosphere(2)
     for v, p in ((np.float32, np.float64), (np.float64, np.float32), (np.float32, np.float32)):
         scene = Scene(vertices.astype(v), faces)
         centers, face_normals, _ = scene.face_centers_normals()
-        value = SilhouetteIntegrator(scene).ambient_occlusion(centers.astype(p), face_normals, K)
+        value = SilhouetteIntegrator(scene).ambient_occlusion(
+            centers.astype(p), face_normals, K, method=method
+        )
         np.testing.assert_array_equal(value, 1.0)
 
 
@@ -204,11 +219,12 @@ def test_one_shot_options_are_the_integrators(shade: tuple) -> None:
 # ----------------------------------------------------------------------------------------- full output
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("query", QUERIES)
-def test_full_output(integrator: SilhouetteIntegrator, shade: tuple, query: str) -> None:
+def test_full_output(integrator: SilhouetteIntegrator, shade: tuple, query: str, method: str) -> None:
     ask = getattr(integrator, query)
-    plain = ask(*shade, isolines=K)
-    result = ask(*shade, isolines=K, full_output=True)
+    plain = ask(*shade, isolines=K, method=method)
+    result = ask(*shade, isolines=K, method=method, full_output=True)
     assert isinstance(result, Result)
     np.testing.assert_array_equal(result.value, plain)
     assert result.error_estimate.shape == (20,)
@@ -230,44 +246,140 @@ def test_full_output(integrator: SilhouetteIntegrator, shade: tuple, query: str)
     assert told["nodes_visited"] > 0 and told["crossings"] > 0
 
 
-def test_diagnostics_count_what_happened() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_diagnostics_count_what_happened(method: str) -> None:
     box = SilhouetteIntegrator(Scene(*polyhedra.box()))
     inside, outside = [0.1, 0.2, 0.3], [3.0, 0.2, 0.3]
-    result = box.ambient_occlusion([inside, outside, inside], [[-1, 0, 0]] * 3, K, full_output=True)
+    result = box.ambient_occlusion(
+        [inside, outside, inside], [[-1, 0, 0]] * 3, K, method=method, full_output=True
+    )
     assert result.diagnostics["buried"] == 2
     assert result.value[0] == result.value[2] == 0.0 < result.value[1]
     assert result.diagnostics["snapped_sides"] == 0
     # In the plane of the top, which is a contour's face: a rule decides its side.
-    result = box.ambient_occlusion([[3.0, 0.2, 1.0]], [[-1, 0, 0]], K, full_output=True)
+    result = box.ambient_occlusion([[3.0, 0.2, 1.0]], [[-1, 0, 0]], K, method=method, full_output=True)
     assert result.diagnostics["snapped_sides"] > 0
 
 
-def test_the_error_estimate_bounds_the_error() -> None:
-    """The difference of even and odd isolines: larger than the error of both together, nearly always."""
+@pytest.mark.parametrize("method", METHODS)
+def test_the_error_estimate_bounds_the_error(method: str) -> None:
+    """From the differences of interleaved groups of lines: larger than the error, nearly always."""
     integrator = SilhouetteIntegrator(Scene(*moved(polyhedra.icosphere(2), (0.3, 0.2, 1.5))))
     rng = np.random.default_rng(1)
     points, normals = (
         rng.uniform(-0.8, 0.8, (200, 3)) * [1, 1, 0.3],
         rng.normal(size=(200, 3)) * 0.5 + [0, 0, 1],
     )
-    fine = integrator.ambient_occlusion(points, normals, 1024)
+    fine = integrator.ambient_occlusion(points, normals, 1024, method="octahedral")
     for k in (16, 64):
-        result = integrator.ambient_occlusion(points, normals, k, full_output=True)
+        result = integrator.ambient_occlusion(points, normals, k, method=method, full_output=True)
         error = np.abs(result.value - fine)
-        assert (error <= result.error_estimate).mean() > 0.9
+        # Radial lines are judged by four groups, of four lines each at 16.
+        assert (error <= result.error_estimate).mean() > (0.85 if method == "radial" and k == 16 else 0.9)
         assert np.sqrt((error**2).mean()) < np.sqrt((result.error_estimate**2).mean()) < 0.2
 
 
-def test_progress_is_reported(integrator: SilhouetteIntegrator) -> None:
+def ball_over_nothing() -> tuple[SilhouetteIntegrator, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    integrator = SilhouetteIntegrator(Scene(*moved(polyhedra.icosphere(2), (0.3, 0.2, 1.5))))
+    return integrator, rng.uniform(-1, 1, (150, 3)) * [1, 1, 0.2], rng.normal(size=(150, 3)) * 0.5 + [0, 0, 1]
+
+
+def clutter_on_its_own() -> tuple[SilhouetteIntegrator, np.ndarray, np.ndarray]:
+    mesh = clutter(1, 2)
+    return SilhouetteIntegrator(Scene(*mesh)), *scenes.shade_points(*mesh, 150, seed=4)
+
+
+@pytest.mark.parametrize("scene", [ball_over_nothing, clutter_on_its_own])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_tolerance_is_met(scene: Callable, method: str) -> None:
+    integrator, points, normals = scene()
+    other = METHODS[1 - METHODS.index(method)]
+    fine = integrator.ambient_occlusion(points, normals, 2048, method=other)
+    most = 0
+    for tolerance in (0.02, 0.004):
+        result = integrator.ambient_occlusion(
+            points, normals, tolerance=tolerance, method=method, full_output=True
+        )
+        told = result.diagnostics
+        assert told["points"] == len(points)
+        assert told["above_tolerance"] == (result.error_estimate > tolerance).sum() == 0
+        error = np.abs(result.value - fine)
+        assert (error <= tolerance).mean() >= 0.95
+        # More lines for less error, and for the points that need them only.
+        assert most < told["isolines"] <= 4096
+        most = told["isolines"]
+        alone = integrator.ambient_occlusion(points[:3], normals[:3], tolerance=tolerance, method=method)
+        np.testing.assert_array_equal(alone, result.value[:3])
+
+
+def test_what_no_number_of_lines_reaches_is_counted(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+    points, normals = shade[0][:3], shade[1][:3]
+    result = integrator.ambient_occlusion(points, normals, tolerance=1e-300, full_output=True)
+    n_above = int((result.error_estimate > 1e-300).sum())
+    assert result.diagnostics["above_tolerance"] == n_above > 0
+    assert result.diagnostics["isolines"] == 4096
+    np.testing.assert_array_equal(result.value, integrator.ambient_occlusion(points, normals, 4096))
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_every_query_takes_a_tolerance(integrator: SilhouetteIntegrator, shade: tuple, query: str) -> None:
+    result = getattr(integrator, query)(*shade, tolerance=0.05, full_output=True)
+    assert (result.error_estimate <= 0.05).all() and result.diagnostics["above_tolerance"] == 0
+    assert getattr(integrator, query)([], [], tolerance=0.05).shape[0] == 0
+
+
+@pytest.mark.parametrize("query", QUERIES)
+@pytest.mark.parametrize("tolerance", [0, -1, 0.0, -0.5, np.nan, np.inf, "x", True, [0.1]])
+def test_what_is_no_tolerance(integrator: SilhouetteIntegrator, query: str, tolerance: Any) -> None:
+    told = refusal(getattr(integrator, query), [[0, 0, 0]], [[0, 0, 1]], tolerance=tolerance)
+    assert told.startswith("tolerance is ")
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_lines_and_a_tolerance_are_two_ways_to_say_one_thing(
+    integrator: SilhouetteIntegrator, query: str
+) -> None:
+    ask = getattr(integrator, query)
+    told = refusal(ask, [[0, 0, 0]], [[0, 0, 1]], isolines=64, tolerance=0.01)
+    assert "isolines" in told and "tolerance" in told
+
+
+def test_radial_lines_come_in_even_numbers(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+    def ask(k: int) -> np.ndarray:
+        return integrator.ambient_occlusion(*shade, k, method="radial")
+
+    for odd, even in ((1, 4), (2, 4), (3, 4), (5, 6), (31, 32)):
+        np.testing.assert_array_equal(ask(odd), ask(even))
+    assert (ask(4) != ask(6)).any()
+
+
+def test_radial_lines_are_the_default(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+    for query in QUERIES:
+        ask = getattr(integrator, query)
+        radial = ask(*shade, isolines=K, method="radial")
+        np.testing.assert_array_equal(ask(*shade, isolines=K), radial)
+        assert (ask(*shade, isolines=K, method="octahedral") != radial).any()
+    assert "method is 'radial'" in refusal(integrator.visibility, *shade, method="radial")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_progress_is_reported(
+    integrator: SilhouetteIntegrator, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(silint.finder, "_PER_BLOCK", TILE)
     points, normals = np.zeros((300, 3)), np.tile([0.0, 0.0, 1.0], (300, 1))
     seen: list[tuple[int, int]] = []
-    integrator.ambient_occlusion(points, normals, K, progress=lambda done, total: seen.append((done, total)))
+    integrator.ambient_occlusion(
+        points, normals, K, method=method, progress=lambda done, total: seen.append((done, total))
+    )
     assert {total for _, total in seen} == {300}
     done = [d for d, _ in seen]
     assert done == sorted(done) and done[-1] == 300 and len(done) > 1
 
 
-def test_a_progress_callback_may_stop_the_work(integrator: SilhouetteIntegrator) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_a_progress_callback_may_stop_the_work(integrator: SilhouetteIntegrator, method: str) -> None:
     class StopError(Exception):
         pass
 
@@ -276,17 +388,17 @@ def test_a_progress_callback_may_stop_the_work(integrator: SilhouetteIntegrator)
 
     points, normals = np.zeros((300, 3)), np.tile([0.0, 0.0, 1.0], (300, 1))
     with pytest.raises(StopError):
-        integrator.ambient_occlusion(points, normals, K, progress=stop)
+        integrator.ambient_occlusion(points, normals, K, method=method, progress=stop)
     # No lock is left behind.
     assert integrator.ambient_occlusion(points[:1], normals[:1], K).shape == (1,)
 
 
 def test_one_integrator_serves_many_threads(integrator: SilhouetteIntegrator, shade: tuple) -> None:
     points, normals = (np.tile(a, (20, 1)) for a in shade)
-    jobs = [(query, k) for query in QUERIES for k in (5, 8)] * 2
+    jobs = [(query, k, method) for query in QUERIES for k in (5, 8) for method in METHODS] * 2
 
-    def ask(job: tuple[str, int]) -> np.ndarray:
-        return getattr(integrator, job[0])(points, normals, isolines=job[1])
+    def ask(job: tuple[str, int, str]) -> np.ndarray:
+        return getattr(integrator, job[0])(points, normals, isolines=job[1], method=job[2])
 
     expected = {job: ask(job) for job in set(jobs)}
     with ThreadPoolExecutor(2) as pool:
@@ -354,8 +466,10 @@ def test_a_request_builds_the_tables_that_it_explains(
     plan = integrator.explain(request_name, isolines=K, weighting=weighting)
     parts = plan.as_dict()
     explained = {order for order, name in names.items() if parts[name]["built"]}
-    options = {"weighting": weighting} if request_name == "ambient_occlusion" else {}
-    getattr(integrator, request_name)([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], isolines=K, **options)
+    options: dict[str, Any] = {"weighting": weighting} if request_name == "ambient_occlusion" else {}
+    getattr(integrator, request_name)(
+        [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], isolines=K, method="octahedral", **options
+    )
     assert built == explained == orders
     for order, name in names.items():
         size = moments.moment_table(order, K).values.nbytes if order in orders else 0

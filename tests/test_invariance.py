@@ -9,28 +9,42 @@ import numpy as np
 import pytest
 
 import scenes
-import silint.integrator
+import silint.finder
 from scenes import polyhedra
 from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import concatenate, flipped, moved
 from silint import Result, Scene, SilhouetteIntegrator
+from silint.core.search import TILE
 
 Mesh = tuple[np.ndarray, np.ndarray]
 Points = tuple[np.ndarray, np.ndarray]
-Query = Callable[[SilhouetteIntegrator, np.ndarray, np.ndarray], np.ndarray]
+Query = Callable[[SilhouetteIntegrator, np.ndarray, np.ndarray, str], np.ndarray]
 
 # The issue's tolerance, for the same geometry in other words: coordinates are rounded anew where something
 # turns, edges are cut at other places, and sums are taken in another order.
 SAME = 1e-9
 
+METHODS = ("octahedral", "radial")
 QUERIES: dict[str, Query] = {
-    "cosine": lambda s, p, n: s.ambient_occlusion(p, n, 24),
-    "uniform": lambda s, p, n: s.ambient_occlusion(p, n, 24, "uniform"),
-    "bent normals": lambda s, p, n: s.bent_normals(p, n, 24),
-    "sky": lambda s, p, n: s.sky_view_factor(p, n, (0.3, -0.1, 1.0), 24),
-    "intervals": lambda s, p, n: s.visibility(p, n, 24).intervals,
+    "cosine": lambda s, p, n, m: s.ambient_occlusion(p, n, 24, "cosine", m),
+    "uniform": lambda s, p, n, m: s.ambient_occlusion(p, n, 24, "uniform", m),
+    "bent normals": lambda s, p, n, m: s.bent_normals(p, n, 24, m),
+    "sky": lambda s, p, n, m: s.sky_view_factor(p, n, (0.3, -0.1, 1.0), 24, m),
+    "intervals": lambda s, p, n, m: intervals(s, p, n, m),
 }
+
+
+def intervals(s: SilhouetteIntegrator, p: np.ndarray, n: np.ndarray, method: str) -> np.ndarray:
+    """All visible intervals, in the order of the points."""
+    if method == "octahedral":
+        return s.visibility(p, n, 24).intervals
+    lines: list[np.ndarray] = [np.empty((0, 2))] * len(p)
+    for found, _, rows in s._finder.radial(*s._finder.shade_points(p, n), 24, None):
+        for row, start, count in zip(rows, found.starts, found.counts.sum(axis=1), strict=True):
+            lines[row] = found.intervals[start : start + count]
+    return np.concatenate(lines)
+
 
 MESHES: dict[str, Callable[[], Mesh]] = {
     "clutter": lambda: clutter(1, 1),
@@ -61,9 +75,12 @@ def threads() -> Callable[[int], None]:
     numba.set_num_threads(before)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("query", QUERIES)
 @pytest.mark.parametrize("name", MESHES)
-def test_the_number_of_threads_changes_no_bit(name: str, query: str, threads: Callable[[int], None]) -> None:
+def test_the_number_of_threads_changes_no_bit(
+    name: str, query: str, method: str, threads: Callable[[int], None]
+) -> None:
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("needs two threads")
     mesh = MESHES[name]()
@@ -72,27 +89,29 @@ def test_the_number_of_threads_changes_no_bit(name: str, query: str, threads: Ca
     for count in (1, 2):
         threads(count)
         # Hierarchies are built in parallel too.
-        found.append(QUERIES[query](SilhouetteIntegrator(Scene(*mesh)), p, n))
+        found.append(QUERIES[query](SilhouetteIntegrator(Scene(*mesh)), p, n, method))
     np.testing.assert_array_equal(*found)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", MESHES)
-def test_neither_company_nor_order_changes_a_bit(name: str) -> None:
+def test_neither_company_nor_order_changes_a_bit(name: str, method: str) -> None:
     mesh = MESHES[name]()
     integrator = SilhouetteIntegrator(Scene(*mesh))
-    p, n = points_about(mesh, 70)  # more than one chunk
+    p, n = points_about(mesh, 70)  # more than one tile
     order = np.random.default_rng(1).permutation(len(p))
     for query in ("cosine", "bent normals", "sky"):
-        together = QUERIES[query](integrator, p, n)
-        shuffled = QUERIES[query](integrator, p[order], n[order])
+        together = QUERIES[query](integrator, p, n, method)
+        shuffled = QUERIES[query](integrator, p[order], n[order], method)
         np.testing.assert_array_equal(shuffled, together[order])
         for i in (0, 17, 69):
             np.testing.assert_array_equal(
-                QUERIES[query](integrator, p[i : i + 1], n[i : i + 1])[0], together[i]
+                QUERIES[query](integrator, p[i : i + 1], n[i : i + 1], method)[0], together[i]
             )
 
 
-def test_the_size_of_chunks_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_the_size_of_chunks_changes_no_bit(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = MESHES["clutter"]()
     integrator = SilhouetteIntegrator(Scene(*mesh))
     p, n = points_about(mesh, 200)
@@ -100,23 +119,34 @@ def test_the_size_of_chunks_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> N
 
     def values() -> Result:
         done.clear()
-        return integrator.ambient_occlusion(p, n, 24, full_output=True, progress=lambda i, _: done.append(i))
+        return integrator.ambient_occlusion(
+            p, n, 24, method=method, full_output=True, progress=lambda i, _: done.append(i)
+        )
 
     base = values()
+    # Tiles of one kind only at a time, so that all work is shared as it was.
+    monkeypatch.setattr(silint.finder, "_PER_BLOCK", TILE)
     # As little time or memory as possible gives the smallest chunks after the first, much of both large ones.
-    for seconds, n_bytes, chunks in ((1e-9, 1 << 28, 12), (0.2, 1, 12), (1e3, 1 << 28, 3)):
-        monkeypatch.setattr(silint.integrator, "_CHUNK_SECONDS", seconds)
-        monkeypatch.setattr(silint.integrator, "_CHUNK_BYTES", n_bytes)
+    for seconds, n_bytes, chunks in ((1e-9, 1 << 28, 4), (0.2, 1, 4), (1e3, 1 << 28, 2)):
+        monkeypatch.setattr(silint.finder, "_CHUNK_SECONDS", seconds)
+        monkeypatch.setattr(silint.finder, "_CHUNK_BYTES", n_bytes)
         other = values()
         np.testing.assert_array_equal(other.value, base.value)
         np.testing.assert_array_equal(other.error_estimate, base.error_estimate)
         assert other.diagnostics == base.diagnostics
         assert done[-1] == 200 and len(done) == chunks
+    # Points that are put into other tiles, in other company.
+    monkeypatch.setattr(silint.finder, "_TILED_POINTS", 64)
+    other = values()
+    np.testing.assert_array_equal(other.value, base.value)
+    np.testing.assert_array_equal(other.error_estimate, base.error_estimate)
+    assert other.diagnostics["crossings"] == base.diagnostics["crossings"]
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("exponent", [-300, -20, 3, 400])
 @pytest.mark.parametrize("name", MESHES)
-def test_powers_of_two_change_no_bit(name: str, exponent: int) -> None:
+def test_powers_of_two_change_no_bit(name: str, exponent: int, method: str) -> None:
     """The unit of length is the user's: no tolerance anywhere is in absolute terms."""
     vertices, faces = MESHES[name]()
     vertices = np.where(np.abs(vertices) < 2.0**-60, 0.0, vertices)  # 1e-17 times 2^-1000 would be rounded
@@ -125,51 +155,56 @@ def test_powers_of_two_change_no_bit(name: str, exponent: int) -> None:
     scaled = SilhouetteIntegrator(Scene(np.ldexp(vertices, exponent), faces))
     assert scaled.scene.defects == base.scene.defects
     for query in QUERIES.values():
-        expected = query(base, points, normals)
-        np.testing.assert_array_equal(query(scaled, np.ldexp(points, exponent), normals), expected)
+        expected = query(base, points, normals, method)
+        found = query(scaled, np.ldexp(points, exponent), normals, method)
+        np.testing.assert_array_equal(found, expected)
         # Normals have no unit at all.
-        np.testing.assert_array_equal(query(base, points, np.ldexp(normals, exponent)), expected)
+        found = query(base, points, np.ldexp(normals, exponent), method)
+        np.testing.assert_array_equal(found, expected)
 
 
 # ------------------------------------------------------------------------------ the same mesh, differently
 
 
-def same_values(mesh: Mesh, other: Mesh, points: Points, other_points: Points | None = None) -> None:
+def same_values(mesh: Mesh, other: Mesh, points: Points, method: str) -> None:
     a, b = SilhouetteIntegrator(Scene(*mesh)), SilhouetteIntegrator(Scene(*other))
     for name in ("cosine", "uniform", "bent normals", "sky"):
-        found = QUERIES[name](b, *(other_points or points))
-        np.testing.assert_allclose(found, QUERIES[name](a, *points), rtol=0, atol=SAME, err_msg=name)
+        found = QUERIES[name](b, *points, method)
+        np.testing.assert_allclose(found, QUERIES[name](a, *points, method), rtol=0, atol=SAME, err_msg=name)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", MESHES)
-def test_the_order_of_vertices_and_faces_does_not_matter(name: str) -> None:
+def test_the_order_of_vertices_and_faces_does_not_matter(name: str, method: str) -> None:
     vertices, faces = MESHES[name]()
     rng = np.random.default_rng(2)
     order = rng.permutation(len(vertices))
     renamed = np.argsort(order)[faces]
     turned = np.array([np.roll(f, k) for f, k in zip(renamed, rng.integers(0, 3, len(faces)), strict=True)])
     shuffled = vertices[order], turned[rng.permutation(len(faces))]
-    same_values((vertices, faces), shuffled, points_about((vertices, faces), 40))
+    same_values((vertices, faces), shuffled, points_about((vertices, faces), 40), method)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", MESHES)
-def test_winding_does_not_matter(name: str) -> None:
+def test_winding_does_not_matter(name: str, method: str) -> None:
     """Faces hide alike from both sides."""
     mesh = MESHES[name]()
     points = points_about(mesh, 40)
-    same_values(mesh, flipped(mesh), points)
+    same_values(mesh, flipped(mesh), points, method)
     some = np.random.default_rng(3).random(len(mesh[1])) < 0.5
-    same_values(mesh, (mesh[0], np.where(some[:, None], mesh[1][:, ::-1], mesh[1])), points)
+    same_values(mesh, (mesh[0], np.where(some[:, None], mesh[1][:, ::-1], mesh[1])), points, method)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("twin", ["same", "flipped"])
-def test_a_mesh_twice_over_is_the_mesh(name: str, twin: str) -> None:
+def test_a_mesh_twice_over_is_the_mesh(name: str, twin: str, method: str) -> None:
     mesh = MESHES[name]()
     copy = mesh if twin == "same" else flipped(mesh)
-    same_values(mesh, concatenate([mesh, copy]), points_about(mesh, 40))
+    same_values(mesh, concatenate([mesh, copy]), points_about(mesh, 40), method)
     # With the very same vertices, too.
-    same_values(mesh, (mesh[0], np.concatenate([mesh[1], copy[1]])), points_about(mesh, 40))
+    same_values(mesh, (mesh[0], np.concatenate([mesh[1], copy[1]])), points_about(mesh, 40), method)
 
 
 def subdivided(mesh: Mesh) -> Mesh:
@@ -181,7 +216,8 @@ def subdivided(mesh: Mesh) -> Mesh:
     return triangles, np.arange(len(triangles)).reshape(-1, 3)
 
 
-def test_flat_faces_may_be_subdivided() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_flat_faces_may_be_subdivided(method: str) -> None:
     room = concatenate(
         [
             polyhedra.wall_and_floor(4.0),
@@ -191,11 +227,13 @@ def test_flat_faces_may_be_subdivided() -> None:
     )
     fine = subdivided(subdivided(room))
     assert len(Scene(*fine).topology.planes) == len(Scene(*room).topology.planes)
-    same_values(room, fine, points_about(room, 60))
+    same_values(room, fine, points_about(room, 60), method)
     # T junctions too: one part fine, its neighbour coarse.
     faces = room[1]
     half = subdivided((room[0], faces[: len(faces) // 2]))
-    same_values(room, concatenate([half, (room[0], faces[len(faces) // 2 :])]), points_about(room, 60))
+    same_values(
+        room, concatenate([half, (room[0], faces[len(faces) // 2 :])]), points_about(room, 60), method
+    )
 
 
 # Rotations that carry the u axis and the octahedron into themselves.
@@ -220,15 +258,23 @@ def test_rotations_that_keep_the_isolines(name: str, rotation: str) -> None:
     q, m = p @ turn.T, n @ turn.T
     for weighting in ("cosine", "uniform"):
         np.testing.assert_allclose(
-            b.ambient_occlusion(q, m, 24, weighting),
-            a.ambient_occlusion(p, n, 24, weighting),
+            b.ambient_occlusion(q, m, 24, weighting, "octahedral"),
+            a.ambient_occlusion(p, n, 24, weighting, "octahedral"),
             rtol=0,
             atol=SAME,
         )
-    np.testing.assert_allclose(b.bent_normals(q, m, 24), a.bent_normals(p, n, 24) @ turn.T, rtol=0, atol=SAME)
+    np.testing.assert_allclose(
+        b.bent_normals(q, m, 24, "octahedral"),
+        a.bent_normals(p, n, 24, "octahedral") @ turn.T,
+        rtol=0,
+        atol=SAME,
+    )
     up = np.array([0.3, -0.1, 1.0])
     np.testing.assert_allclose(
-        b.sky_view_factor(q, m, turn @ up, 24), a.sky_view_factor(p, n, up, 24), rtol=0, atol=SAME
+        b.sky_view_factor(q, m, turn @ up, 24, "octahedral"),
+        a.sky_view_factor(p, n, up, 24, "octahedral"),
+        rtol=0,
+        atol=SAME,
     )
 
 
@@ -239,31 +285,40 @@ def test_a_mirror_image_is_seen_mirrored() -> None:
     a = SilhouetteIntegrator(Scene(vertices, faces))
     b = SilhouetteIntegrator(Scene(vertices * mirror, faces[:, ::-1]))
     np.testing.assert_allclose(
-        b.ambient_occlusion(p * mirror, n * mirror, 24), a.ambient_occlusion(p, n, 24), rtol=0, atol=SAME
+        b.ambient_occlusion(p * mirror, n * mirror, 24, method="octahedral"),
+        a.ambient_occlusion(p, n, 24, method="octahedral"),
+        rtol=0,
+        atol=SAME,
     )
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("shift", [(1.0, -2.0, 0.5), (64.0, 64.0, 64.0)])
-def test_the_place_in_the_world_matters_by_rounding_only(shift: tuple[float, float, float]) -> None:
+def test_the_place_in_the_world_matters_by_rounding_only(
+    shift: tuple[float, float, float], method: str
+) -> None:
     """A scene 64 units off the origin has its vertices rounded to 64 * 2^-53, and points lifted by as much
     more: 2^-36 of 64 units, 1e-9 of the nearest occluders' distance and so of their size."""
     mesh = MESHES["clutter"]()
     p, n = points_about(mesh, 40)
-    a = SilhouetteIntegrator(Scene(*mesh)).ambient_occlusion(p, n, 24)
-    b = SilhouetteIntegrator(Scene(*moved(mesh, shift))).ambient_occlusion(p + shift, n, 24)
+    a = SilhouetteIntegrator(Scene(*mesh)).ambient_occlusion(p, n, 24, method=method)
+    b = SilhouetteIntegrator(Scene(*moved(mesh, shift))).ambient_occlusion(p + shift, n, 24, method=method)
     np.testing.assert_allclose(a, b, rtol=0, atol=1e-7)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["clutter_9k", "teapot", "room", "fence", "city"])
-def test_scenes_do_not_depend_on_threads_or_order(name: str, threads: Callable[[int], None]) -> None:
+def test_scenes_do_not_depend_on_threads_or_order(
+    name: str, method: str, threads: Callable[[int], None]
+) -> None:
     vertices, faces = scenes.build(name)
     p, n = points_about((vertices, faces), 500)
     order = np.random.default_rng(4).permutation(len(faces))
     threads(1)
-    one = SilhouetteIntegrator(Scene(vertices, faces)).ambient_occlusion(p, n)
+    one = SilhouetteIntegrator(Scene(vertices, faces)).ambient_occlusion(p, n, method=method)
     threads(min(2, numba.config.NUMBA_NUM_THREADS))
-    two = SilhouetteIntegrator(Scene(vertices, faces)).ambient_occlusion(p, n)
+    two = SilhouetteIntegrator(Scene(vertices, faces)).ambient_occlusion(p, n, method=method)
     np.testing.assert_array_equal(one, two)
-    other = SilhouetteIntegrator(Scene(vertices, faces[order])).ambient_occlusion(p, n)
+    other = SilhouetteIntegrator(Scene(vertices, faces[order])).ambient_occlusion(p, n, method=method)
     np.testing.assert_allclose(other, two, rtol=0, atol=SAME)

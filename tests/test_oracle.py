@@ -1,6 +1,6 @@
-"""The sweep and the covering against brute force: points of every kind, scenes with every defect.
+"""The sweeps and the covering against brute force: points of every kind, scenes with every defect.
 
-The oracle tests every face against every line and shares no code with silint.core. It is handed the lifted
+The oracles test every face against every line and share no code with silint.core. They are handed the lifted
 points that the kernels see, in the units in which they see them.
 """
 
@@ -19,8 +19,10 @@ from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import concatenate, flipped, moved
 from silint import Scene, SilhouetteIntegrator, Visibility
+from silint.core.radial import line_table, set_frame
+from silint.core.radial_sweep import CONTRADICTED
 from silint.core.topology import edges_of
-from silint.reference import brute_force
+from silint.reference import brute_force, half_planes
 
 Mesh = tuple[np.ndarray, np.ndarray]
 Points = tuple[np.ndarray, np.ndarray]
@@ -88,9 +90,13 @@ KINDS = [kind for kind, _ in kinds_of_points(polyhedra.box(), 1)]
 
 def seen(integrator: SilhouetteIntegrator, p: np.ndarray, n: np.ndarray, k: int, cover: bool) -> Visibility:
     """Visible intervals of points that are lifted already, by sweeping or by covering."""
-    parts = [visible for visible, _ in integrator._chunks(p, n, k, None, cover)]
-    offsets = np.cumsum(np.concatenate([[0], *(np.diff(v.offsets) for v in parts)]))
-    return Visibility(n, k, offsets, np.concatenate([v.intervals for v in parts]))
+    lines: list[np.ndarray] = [np.empty((0, 2))] * (len(p) * k)
+    for visible, rows in integrator._finder.octahedral(p, n, k, None, cover):
+        parts = np.split(visible.intervals, visible.offsets[1:-1])
+        for j, row in enumerate(rows.tolist()):
+            lines[row * k : (row + 1) * k] = parts[j * k : (j + 1) * k]
+    offsets = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
+    return Visibility(n, k, offsets, np.concatenate(lines))
 
 
 def runs_along_an_edge(p: np.ndarray, ends: np.ndarray, k: int, n_lines: int) -> bool:
@@ -116,7 +122,7 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
     topology = integrator.scene.topology
     soup = topology.vertices, topology.faces
     edges = topology.vertices[edges_of(topology).ends]
-    p, n = integrator._shade_points(*points)
+    p, n = integrator._finder.shade_points(*points)
     v_rounding, ao_rounding = ILL_CONDITIONED.get(kind, ROUNDING)
     for k in lines:
         oracle = brute_force.visible_intervals(*soup, p, n, k)
@@ -141,6 +147,53 @@ def check_against_oracle(mesh: Mesh, points: Points, kind: str, lines: tuple[int
                 np.testing.assert_allclose(
                     found.ambient_occlusion()[decided], ao[decided], rtol=0, atol=ao_rounding, err_msg=where
                 )
+
+
+def rounding_of_theta(corners: np.ndarray, edges: np.ndarray, p: np.ndarray) -> float:
+    """How well theta is known: the direction of an edge close by is lost when coordinates turn into a frame.
+
+    Nothing is known where p lies in an edge or within a face, and a rule says on which side of it.
+    """
+    a, b, c = corners.transpose(1, 0, 2) - p
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    inside = [(np.cross(u, v) * normal).sum(axis=1) >= -1e-9 for u, v in ((a, b), (b, c), (c, a))]
+    within = np.all(inside, axis=0) & (area > 0) & (np.abs((a * normal).sum(axis=1)) <= 1e-15 * area)
+    if within.any():
+        return np.inf
+    a, b = edges.transpose(1, 0, 2) - p
+    t = np.clip(-(a * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1), 0, 1)[:, None]
+    near = np.linalg.norm(a + t * (b - a), axis=1).min()
+    return max(1e-9, 4e-15 / near) if near > 0 else np.inf
+
+
+def check_half_planes(mesh: Mesh, points: Points, kind: str, lines: tuple[int, ...]) -> None:
+    """Visible intervals on radial isolines, in theta."""
+    integrator = SilhouetteIntegrator(Scene(*mesh))
+    topology = integrator.scene.topology
+    corners = topology.vertices[topology.faces]
+    p, n = integrator._finder.shade_points(*points)
+    edges = topology.vertices[edges_of(topology).ends]
+    rounding = [rounding_of_theta(corners, edges, x) for x in p]
+    frame = np.empty((3, 3))
+    for k in lines:
+        directions = line_table(k)
+        for found, _, rows in integrator._finder.radial(p, n, k, None):
+            assert not (found.counts == CONTRADICTED).any()
+            for row, start, counts in zip(rows.tolist(), found.starts, found.counts, strict=True):
+                set_frame(n[row], frame)
+                expected = half_planes.visible_ranges(
+                    corners, p[row], n[row], frame[2], directions @ frame[:2]
+                )
+                parts = np.split(found.intervals[start : start + counts.sum()], np.cumsum(counts)[:-1])
+                for line, keys in enumerate(parts):
+                    # From the zenith down, neither overlapping nor touching.
+                    assert (keys[:, 0] > keys[:, 1]).all() and (keys[1:, 0] < keys[:-1, 1]).all()
+                    difference = half_planes.difference(np.arctan2(1.0, keys), expected[line])
+                    assert difference <= rounding[row] * (2 + 2 * (len(keys) + len(expected[line]))), (
+                        f"{kind}, {k} lines: point {row} {points[0][row].tolist()}, "
+                        f"normal {points[1][row].tolist()}, line {line}"
+                    )
 
 
 # ----------------------------------------------------------------------------------------------- scenes
@@ -210,6 +263,13 @@ def test_every_kind_of_point_sees_what_brute_force_sees(name: str) -> None:
         check_against_oracle(mesh, points, kind, (1, 2, 7, 24))
 
 
+@pytest.mark.parametrize("name", SCENES)
+def test_every_kind_of_point_sees_along_half_planes_what_brute_force_sees(name: str) -> None:
+    mesh = SCENES[name]()
+    for kind, points in kinds_of_points(mesh, 6):
+        check_half_planes(mesh, points, kind, (4, 6, 26))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", [*SCENES, *WIDE, "foliage"])
@@ -221,6 +281,7 @@ def test_two_hundred_points_of_every_kind(name: str, kind: str) -> None:
     for some_kind, points in kinds_of_points(mesh, 200, seed=1):
         if some_kind == kind:
             check_against_oracle(mesh, points, kind, (7, 32))
+            check_half_planes(mesh, tuple(a[:40] for a in points), kind, (4, 32))
 
 
 # ------------------------------------------------------------------------------------- exact statements
@@ -246,18 +307,36 @@ def test_inside_a_solid_nothing_is_visible(name: str, isolines: int) -> None:
         visible = integrator.visibility(points, normals, isolines)
         assert len(visible.intervals) == 0
         assert visible.diagnostics["buried"] == len(points)
-    assert not integrator.ambient_occlusion(points, np.tile(normal, (3, 1)), isolines).any()
+    for method in ("octahedral", "radial"):
+        result = integrator.ambient_occlusion(
+            points, np.tile(normal, (3, 1)), isolines, method=method, full_output=True
+        )
+        assert not result.value.any() and result.diagnostics["buried"] == len(points)
+        assert result.diagnostics["fallback_isolines"] == 0
 
 
-def test_far_outside_the_scene_is_a_speck() -> None:
+@pytest.mark.parametrize("method", ["octahedral", "radial"])
+def test_far_outside_the_scene_is_a_speck(method: str) -> None:
     """A hundred million extents away a solid subtends 1e-16 of the sky: the value is open to rounding."""
     integrator = SilhouetteIntegrator(Scene(*polyhedra.box()))
     rng = np.random.default_rng(6)
     towards = units(rng, 20)
-    result = integrator.ambient_occlusion(-1e8 * towards, towards, full_output=True)
+    result = integrator.ambient_occlusion(-1e8 * towards, towards, method=method, full_output=True)
     np.testing.assert_allclose(
         result.value, 1.0, rtol=0, atol=1e-7
     )  # a line that meets it loses 1e-8 of its length
+    assert result.diagnostics["fallback_isolines"] == 0
+
+
+@pytest.mark.parametrize("method", ["octahedral", "radial"])
+@pytest.mark.parametrize("extents", [1e6, 1e15, 1e30, 1e90])
+def test_further_away_than_float32_can_count_is_open(extents: float, method: str) -> None:
+    integrator = SilhouetteIntegrator(Scene(*clutter(1, 1)))
+    rng = np.random.default_rng(7)
+    away = units(rng, 40)
+    result = integrator.ambient_occlusion(extents * away, units(rng, 40), 16, method=method, full_output=True)
+    # A line that happens to meet the scene loses 1 / extents of its length.
+    np.testing.assert_allclose(result.value, 1.0, rtol=0, atol=10 / extents + 1e-15)
     assert result.diagnostics["fallback_isolines"] == 0
 
 
@@ -284,7 +363,7 @@ def small_scenes(draw: st.DrawFn) -> tuple[Mesh, Points]:
 def check_sweep_against_cover(mesh: Mesh, points: Points) -> None:
     """Points of a grid lie on edges and vertices often: the tolerance is that of ill-conditioned kinds."""
     integrator = SilhouetteIntegrator(Scene(*mesh))
-    p, n = integrator._shade_points(*points)
+    p, n = integrator._finder.shade_points(*points)
     for k in (7, 16):
         sweep, cover = (seen(integrator, p, n, k, way).ambient_occlusion() for way in (False, True))
         np.testing.assert_allclose(sweep, cover, rtol=0, atol=1e-6)
@@ -305,4 +384,5 @@ def test_two_ways_agree_on_very_many_scenes(scene: tuple[Mesh, Points]) -> None:
 
 def test_a_scene_of_nothing_but_degenerate_faces_is_open() -> None:
     integrator = SilhouetteIntegrator(Scene([(0, 0, 0), (1, 0, 0), (1, 0, 0)], [(0, 0, 1), (0, 1, 2)]))
-    assert integrator.ambient_occlusion([(0, 0, 0)], [(0, 0, 1)]).tolist() == [1.0]
+    for method in ("octahedral", "radial"):
+        assert integrator.ambient_occlusion([(0, 0, 0)], [(0, 0, 1)], method=method).tolist() == [1.0]

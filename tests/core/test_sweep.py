@@ -10,8 +10,8 @@ import pytest
 from scenes import polyhedra
 from scenes.mesh import concatenate, moved
 from silint import Scene, SilhouetteIntegrator, Visibility
-from silint.core.contour import N_TALLY, gather_contours
-from silint.core.isolines import start_corner
+from silint.core.bundles import N_EDGE_FIELDS, VERTEX_A
+from silint.core.lanes import WIDTH
 from silint.reference import brute_force
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -40,29 +40,31 @@ POINT, NORMAL = np.zeros((1, 3)), np.array([[0.1, 0.2, 1.0]])
 
 def with_jump_turned_over(integrator: SilhouetteIntegrator, name: str, e: int) -> SilhouetteIntegrator:
     """The same integrator, but that one edge adds to the depth count what it should take away."""
-    tree = getattr(integrator._trees, name)
-    planes = tree.planes.copy()
-    rows = slice(tree.offsets[e], tree.offsets[e + 1])
-    planes[rows] = ~planes[rows]
+    tree = getattr(integrator._finder.bundles, name)
+    rows = slice(2 * e, 2 * e + 2) if name == "contour" else slice(tree.offsets[e], tree.offsets[e + 1])
+    codes, edges = tree.codes.copy(), tree.edges.copy()
+    codes[rows] = ~codes[rows]
+    # The filter knows planes too, and on which side of them the point is.
+    edges.reshape(-1, N_EDGE_FIELDS, WIDTH)[e // WIDTH, :VERTEX_A, e % WIDTH] *= -1
     broken = SilhouetteIntegrator(integrator.scene)
-    broken._trees = integrator._trees._replace(**{name: tree._replace(planes=planes)})
+    broken._finder.bundles = integrator._finder.bundles._replace(
+        **{name: tree._replace(codes=codes, edges=edges)}
+    )
     return broken
 
 
 def broken_integrators(integrator: SilhouetteIntegrator) -> Iterator[SilhouetteIntegrator]:
     """One for every contour edge that the point sees."""
-    p, n = integrator._shade_points(POINT, NORMAL)
-    p, n = tuple(p[0].tolist()), tuple(n[0].tolist())
-    for name in ("contour", "boundary"):
-        tree = getattr(integrator._trees, name)
-        rows, count = np.empty((1024, 3), np.int32), 0
-        tally = np.zeros(N_TALLY, np.int64)
-        rows, count = gather_contours(
-            integrator._geometry, tree, p, n, start_corner(n), 0, rows, count, tally
-        )
-        for a, b, _ in rows[:count]:
-            e = int(np.flatnonzero((tree.ends == (a, b)).all(axis=1))[0])
-            yield with_jump_turned_over(integrator, name, e)
+    p, n = (a[0] for a in integrator._finder.shade_points(POINT, NORMAL))
+    topology = integrator.scene.topology
+    oracle = brute_force.contour_jumps(topology.vertices, topology.faces, p)
+    np.testing.assert_array_equal(oracle.positions, topology.vertices)
+    above = ((topology.vertices - p) @ n > 0.0)[oracle.edges].any(axis=1)
+    for ends in oracle.edges[(oracle.jumps != 0) & above].tolist():
+        for name in ("contour", "boundary"):
+            tree = getattr(integrator._finder.bundles, name)
+            for e in np.flatnonzero((tree.ends == ends).all(axis=1)).tolist():
+                yield with_jump_turned_over(integrator, name, e)
 
 
 def differing_lines(a: Visibility, b: Visibility) -> np.ndarray:
@@ -103,9 +105,10 @@ def test_covering_repairs_every_line_that_a_wrong_jump_spoils(name: str) -> None
 def test_covering_all_lines_is_the_same_region() -> None:
     integrator = SilhouetteIntegrator(Scene(*around()))
     rng = np.random.default_rng(1)
-    p, n = integrator._shade_points(rng.uniform(-1, 1, (20, 3)), rng.normal(size=(20, 3)))
-    ((sweep, _),) = integrator._chunks(p, n, K, None, False)
-    ((cover, _),) = integrator._chunks(p, n, K, None, True)
+    p, n = integrator._finder.shade_points(rng.uniform(-1, 1, (20, 3)), rng.normal(size=(20, 3)))
+    ((sweep, rows),) = integrator._finder.octahedral(p, n, K, None)
+    ((cover, same_rows),) = integrator._finder.octahedral(p, n, K, None, cover_all=True)
+    np.testing.assert_array_equal(rows, same_rows)
     assert not differing_lines(sweep, cover).any()
     assert cover.diagnostics["edges_tested"] == 0 < sweep.diagnostics["edges_tested"]
 
@@ -139,7 +142,7 @@ def test_buffers_grow_until_everything_fits() -> None:
     oracle = brute_force.visible_intervals(
         integrator.scene.topology.vertices,
         integrator.scene.topology.faces,
-        *integrator._shade_points(points, normals),
+        *integrator._finder.shade_points(points, normals),
         2,
     )
     difference = brute_force.interval_difference(
