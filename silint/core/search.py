@@ -477,13 +477,16 @@ def find_edges(packets, candidates, edge_ids, first, last, q, reach, side, lines
                 continue
             tested += WIDTH
             off = packets[block * PACKET_BLOCK + PACKET_ERROR * WIDTH + lane]
-            hits = edge_mask(candidates, packet, off, q, side)
-            if hits != 0 and n_lines > 0 and reach[WIDTH + lane] <= FEW_LINES:
+            # Of a fine mesh, few packets have an edge across a line at all.
+            crossed = 0xFFFF
+            if n_lines > 0 and reach[WIDTH + lane] <= FEW_LINES:
                 crossed = 0
                 for k in range(reach[lane], reach[lane] + reach[WIDTH + lane]):
                     k = k + n_lines if k < 0 else (k - n_lines if k >= n_lines else k)
                     crossed |= line_mask(candidates, packet, off, q, lines[k, 0], lines[k, 1])
-                hits &= crossed
+                if crossed == 0:
+                    continue
+            hits = crossed & edge_mask(candidates, packet, off, q, side)
             while hits != 0:
                 i = lowest(hits)
                 hits &= hits - 1
