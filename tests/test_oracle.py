@@ -7,6 +7,7 @@ points that the kernels see, in the units in which they see them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import product
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import concatenate, flipped, moved
 from silint import Scene, SilhouetteIntegrator, Visibility
+from silint.core.face_bundles import with_corners
 from silint.core.radial import line_table, set_frame
-from silint.core.radial_sweep import CONTRADICTED
 from silint.core.topology import edges_of
 from silint.reference import brute_force, half_planes
 
@@ -168,7 +169,7 @@ def rounding_of_theta(corners: np.ndarray, edges: np.ndarray, p: np.ndarray) -> 
 
 
 def check_half_planes(mesh: Mesh, points: Points, kind: str, lines: tuple[int, ...]) -> None:
-    """Visible intervals on radial isolines, in theta."""
+    """Visible intervals on radial isolines, in theta, by sweeping and by covering."""
     integrator = SilhouetteIntegrator(Scene(*mesh))
     topology = integrator.scene.topology
     corners = topology.vertices[topology.faces]
@@ -176,10 +177,14 @@ def check_half_planes(mesh: Mesh, points: Points, kind: str, lines: tuple[int, .
     edges = topology.vertices[edges_of(topology).ends]
     rounding = [rounding_of_theta(corners, edges, x) for x in p]
     frame = np.empty((3, 3))
-    for k in lines:
+    finder = integrator._finder
+    finder.bundles = finder.bundles._replace(face=with_corners(finder.bundles.face, topology))
+    for k, cover in product(lines, (False, True)):
         directions = line_table(k)
-        for found, _, rows in integrator._finder.radial(p, n, k, None):
-            assert not (found.counts == CONTRADICTED).any()
+        finder._cover = cover
+        for found, told, rows in finder.radial(p, n, k, None):
+            assert told["fallback_isolines"] == 0
+            assert told["covered_points" if cover else "swept_points"] == len(rows)
             for row, start, counts in zip(rows.tolist(), found.starts, found.counts, strict=True):
                 set_frame(n[row], frame)
                 expected = half_planes.visible_ranges(
@@ -191,8 +196,8 @@ def check_half_planes(mesh: Mesh, points: Points, kind: str, lines: tuple[int, .
                     assert (keys[:, 0] > keys[:, 1]).all() and (keys[1:, 0] < keys[:-1, 1]).all()
                     difference = half_planes.difference(np.arctan2(1.0, keys), expected[line])
                     assert difference <= rounding[row] * (2 + 2 * (len(keys) + len(expected[line]))), (
-                        f"{kind}, {k} lines: point {row} {points[0][row].tolist()}, "
-                        f"normal {points[1][row].tolist()}, line {line}"
+                        f"{kind}, {k} lines, {'cover' if cover else 'sweep'}: line {line}, "
+                        f"point {row} {points[0][row].tolist()}, normal {points[1][row].tolist()}"
                     )
 
 

@@ -167,10 +167,14 @@ def test_every_face_stands_in_one_bundle_inside_its_boxes(name: str) -> None:
             bundle = block * WIDTH + lane
             assert (first, last) == (bundle * WIDTH, min((bundle + 1) * WIDTH, n))
             for i in range(first, last):
-                packed = fields(tree.corners, face_bundles.N_CORNERS, bundle, i - first).reshape(3, 3)
+                packed = fields(tree.coarse, 9, bundle, i - first).reshape(3, 3)
                 found = centre + packed * (half.max() / face_bundles.FULL_SCALE)
                 exact = topology.vertices[topology.faces[tree.order[i]]]
                 assert np.abs(found - exact).max() <= STEP * half.max() + ROUNDING
+                # And as they are, in rising order.
+                held_exactly = tree.corners.reshape(-1, 9, WIDTH)[bundle, :, i - first].reshape(3, 3)
+                rising = topology.vertices[np.sort(topology.faces[tree.order[i]])]
+                np.testing.assert_array_equal(held_exactly, rising)
     assert (held == 1).all()
 
 

@@ -86,7 +86,7 @@ TWINS: dict[str, tuple[Callable, Callable]] = {
 @pytest.fixture(autouse=True)
 def scalar_helpers(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a scalar twin calls has to be scalar too: private kernels cannot be called from Python."""
-    helpers: list[tuple[ModuleType, str]] = [(search, "_azimuth"), (crossings, "azimuth")]
+    helpers: list[tuple[ModuleType, str]] = [(search, "rough_azimuth"), (crossings, "azimuth")]
     for module, name in helpers:
         monkeypatch.setattr(module, name, getattr(module, name).py_func)
 
