@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import numpy.typing as npt
 
 from silint import __version__
 from silint.io import Baked, check_output, write_baked
-from silint.validation import InputError, choice, positive_int, unit_vector
+from silint.validation import InputError, choice, positive_int, positive_number, unit_vector
 
 if TYPE_CHECKING:
     from silint.integrator import SilhouetteIntegrator
@@ -39,10 +40,11 @@ def bake(
     output: str | os.PathLike[str],
     quantity: str = "ao",
     per: str = "vertex",
-    isolines: int = 64,
+    isolines: int | None = None,
     method: str = "auto",
     weighting: str = "cosine",
     up: npt.ArrayLike = (0.0, 0.0, 1.0),
+    tolerance: float | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Integrate over what each vertex or face of a mesh file sees, and write the results.
@@ -57,13 +59,15 @@ def bake(
         Ambient occlusion, sky view factor, or bent normals. 1 = open, 0 = closed.
     per : {"vertex", "face"}
         At the file's own vertices with their normals, or at the faces' centres.
-    isolines : int
-        Lines of the octahedral map; the error falls as their number grows.
-    method : {"auto", "octahedral"}
+    isolines : int, optional
+        Lines for each point, by default 64; the error falls as their number grows.
+    method : {"auto", "octahedral", "radial"}
     weighting : {"cosine", "uniform"}
         Of ambient occlusion; the other quantities are cosine-weighted by definition.
     up : array_like, shape (3,)
         Where the sky is, for "sky".
+    tolerance : float, optional
+        In place of isolines: take as many as every point needs to be this accurate.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
 
@@ -78,7 +82,7 @@ def bake(
         An option, the mesh file or the place of the output is no good, in one line. The output is
         checked before anything is computed, and nothing is left half-written.
     """
-    _check_options(quantity, per, isolines, method, weighting)
+    _check_options(quantity, per, isolines, method, weighting, tolerance)
     unit_vector(up, "up")
     check_output(output)
     if _same_file(mesh_path, output):
@@ -93,7 +97,7 @@ def bake(
     integrator = SilhouetteIntegrator(scene)
     built = time.perf_counter()
     baked, no_normal, diagnostics = bake_scene(
-        integrator, quantity, per, isolines, method, weighting, up, progress
+        integrator, quantity, per, isolines, method, weighting, up, tolerance, progress
     )
     integrated = time.perf_counter()
     write_baked(output, baked)
@@ -117,6 +121,7 @@ def bake(
             "integrate": integrated - built,
             "write": written - integrated,
         },
+        "peak_memory_bytes": _peak_memory(),
         "diagnostics": diagnostics,
     }
 
@@ -125,10 +130,11 @@ def bake_scene(
     integrator: SilhouetteIntegrator,
     quantity: str = "ao",
     per: str = "vertex",
-    isolines: int = 64,
+    isolines: int | None = None,
     method: str = "auto",
     weighting: str = "cosine",
     up: npt.ArrayLike = (0.0, 0.0, 1.0),
+    tolerance: float | None = None,
     progress: Progress | None = None,
 ) -> tuple[Baked, int, dict[str, Any]]:
     """As `bake`, of a scene in memory, and without writing anything.
@@ -137,7 +143,7 @@ def bake_scene(
     ----------
     integrator : SilhouetteIntegrator
         Of the scene whose vertices or faces are wanted.
-    quantity, per, isolines, method, weighting, up, progress
+    quantity, per, isolines, method, weighting, up, tolerance, progress
         As in `bake`.
 
     Returns
@@ -150,10 +156,15 @@ def bake_scene(
     diagnostics : dict
         The integrator's own counts.
     """
-    _check_options(quantity, per, isolines, method, weighting)
+    _check_options(quantity, per, isolines, method, weighting, tolerance)
     scene = integrator.scene
     points, normals, valid = _sites(scene, per)
-    options: dict[str, Any] = {"isolines": isolines, "method": method, "progress": progress}
+    options: dict[str, Any] = {
+        "isolines": isolines,
+        "method": method,
+        "tolerance": tolerance,
+        "progress": progress,
+    }
     if quantity == "ao":
         options["weighting"] = weighting
     elif quantity == "sky":
@@ -171,7 +182,8 @@ def bake_scene(
         "quantity": quantity,
         "meaning": _MEANINGS[quantity],
         "per": per,
-        "isolines": isolines,
+        "isolines": result.diagnostics["isolines"],
+        **({"tolerance": tolerance} if tolerance is not None else {}),
         "method": method,
         "weighting": weighting if quantity == "ao" else "cosine",
         **({"up": [float(x) for x in unit_vector(up, "up")]} if quantity == "sky" else {}),
@@ -180,10 +192,15 @@ def bake_scene(
     return baked, int(np.count_nonzero(~valid)), dict(result.diagnostics)
 
 
-def _check_options(quantity: str, per: str, isolines: int, method: str, weighting: str) -> None:
+def _check_options(
+    quantity: str, per: str, isolines: int | None, method: str, weighting: str, tolerance: float | None
+) -> None:
     choice(quantity, "quantity", QUANTITIES)
     choice(per, "per", PER)
-    positive_int(isolines, "isolines")
+    if isolines is not None:
+        positive_int(isolines, "isolines")
+    if tolerance is not None:
+        positive_number(tolerance, "tolerance")
     choice(method, "method", METHODS)
     choice(weighting, "weighting", WEIGHTINGS)
 
@@ -198,6 +215,16 @@ def _sites(
         normals, valid = scene.vertex_normals()
         points = scene.vertices
     return points, np.where(valid[:, None], normals, 0.0), valid
+
+
+def _peak_memory() -> int | None:
+    """The most memory that this process has held, where the system tells."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _same_file(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:

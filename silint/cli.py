@@ -166,8 +166,11 @@ def _bake(
     output: Annotated[str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb")],
     quantity: Annotated[str, typer.Option(help="ao, sky (sky view factor) or bent (bent normals).")] = "ao",
     per: Annotated[str, typer.Option(help="vertex or face.")] = "vertex",
-    isolines: Annotated[int, typer.Option(help="More are more accurate.")] = 64,
-    method: Annotated[str, typer.Option(help="auto or octahedral.")] = "auto",
+    isolines: Annotated[int | None, typer.Option(help="More are more accurate; 64 by default.")] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="In place of isolines: as many as every point needs.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="auto, radial or octahedral.")] = "auto",
     weighting: Annotated[str, typer.Option(help="Of ao: cosine or uniform.")] = "cosine",
     up: Annotated[tuple[float, float, float], typer.Option(help="Of sky: where it is.")] = (0.0, 0.0, 1.0),
     as_json: JsonFlag = False,
@@ -177,7 +180,16 @@ def _bake(
         from silint.bake import bake
 
         summary = bake(
-            mesh, output, quantity, per, isolines, method, weighting, up, progress=_stage(bar, "baking")
+            mesh,
+            output,
+            quantity,
+            per,
+            isolines,
+            method,
+            weighting,
+            up,
+            tolerance,
+            progress=_stage(bar, "baking"),
         )
     if as_json:
         _print_json(summary)
@@ -193,8 +205,10 @@ def _bake(
         print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
     print(
         f"read {seconds['load']:.2f} s, built {seconds['build']:.2f} s, "
-        f"integrated {seconds['integrate']:.2f} s, {isolines} isolines"
+        f"integrated {seconds['integrate']:.2f} s, {summary['isolines']} isolines"
     )
+    if summary["peak_memory_bytes"]:
+        print(f"at most {summary['peak_memory_bytes'] / 2**20:,.0f} MiB of memory")
     print(f"wrote {output}")
 
 

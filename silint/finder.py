@@ -62,7 +62,7 @@ class VisibleFinder:
 
     @property
     def cover(self) -> bool:
-        """Whether radial isolines are covered or swept: the cheaper way for the scene, found when first needed."""
+        """Whether radial isolines are covered: what is cheaper for the scene, found when first needed."""
         if self._cover is None:
             with KERNEL_LOCK:
                 if self._cover is None:

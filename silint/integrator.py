@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from silint.core.integrands import fractions, radial
 from silint.core.radial import RadialIntervals
+from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
 from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
-from silint.plan import Part, Plan
+from silint.plan import Plan
 from silint.scene import as_scene
 from silint.validation import (
     InputError,
@@ -225,109 +226,31 @@ class SilhouetteIntegrator:
     @property
     def plan(self) -> Plan:
         """What the scene needs, whatever will be asked of it."""
-        contour, boundary, _ = self._finder.bundles
-        defects = self.scene.defects
-        others = defects["boundary_edges"] + defects["non_manifold_edges"]
-        return Plan(
-            f"scene: {self.scene.n_faces:,} triangles",
-            (
-                Part(
-                    "topology",
-                    True,
-                    "edges with all their faces, one plane a flat region",
-                    self.memory["topology"],
-                ),
-                Part(
-                    "contour hierarchy",
-                    len(contour.ends) > 0,
-                    f"{len(contour.ends):,} edges with two faces"
-                    if len(contour.ends)
-                    else "no edge has two faces",
-                    self.memory["contour hierarchy"],
-                ),
-                Part(
-                    "boundary hierarchy",
-                    len(boundary.ends) > 0,
-                    f"{len(boundary.ends):,} edges with one face, or more than two"
-                    if others
-                    else "closed mesh: every edge has two faces",
-                    self.memory["boundary hierarchy"],
-                ),
-                Part(
-                    "flat edges",
-                    False,
-                    f"{self._finder.flat_edges:,} edges inside flat regions are contours from nowhere",
-                ),
-                Part(
-                    "face hierarchy",
-                    True,
-                    "start counts, and covering where counts fail",
-                    self.memory["face hierarchy"],
-                ),
-            ),
-        )
+        return scene_plan(self.scene, self._finder)
 
-    def explain(self, request: str, isolines: int = 64, weighting: str = "cosine") -> Plan:
+    def explain(
+        self, request: str, isolines: int = 64, weighting: str = "cosine", method: str = "auto"
+    ) -> Plan:
         """What a request builds and runs beyond the scene's plan, and what it leaves out.
 
         Parameters
         ----------
         request : {"ambient_occlusion", "sky_view_factor", "bent_normals", "visibility"}
-        isolines, weighting
+        isolines, weighting, method
             As in the request.
         """
-        names = ("ambient_occlusion", "sky_view_factor", "bent_normals", "visibility")
-        choice(request, "request", names)
+        choice(request, "request", REQUESTS)
         choice(weighting, "weighting", WEIGHTINGS)
+        choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
-        orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
-        used = orders.get(request, {1, 2} if request == "bent_normals" else set())
-        has_boundary = len(self._finder.bundles.boundary.ends) > 0
-        tables = tuple(
-            Part(
-                name,
-                order in used,
-                why if order in used else f"{request} does not need it",
-                k * 1025 * 2 * channels * 8 if order in used else 0,
-            )
-            for order, name, channels, why in (
-                (0, "solid angle table", 1, "uniform weighting; one table serves all normals"),
-                (1, "first moment table", 3, "n.w is linear in w; one table serves all normals"),
-                (2, "second moment table", 6, "(n.w) w is quadratic in w; one table serves all normals"),
-            )
-        )
-        return Plan(
-            f"{request}, {k} octahedral isolines",
-            (
-                Part("contour search", True, "dual-space and horizon tests over the contour hierarchy"),
-                Part(
-                    "boundary search",
-                    has_boundary,
-                    "open or non-manifold edges" if has_boundary else "closed mesh: no boundary edges",
-                ),
-                Part("sweep", True, f"depth counts on {k} isolines, start count at the pole, horizon check"),
-                Part("cover", False, "only for isolines whose counts contradict each other"),
-                *tables,
-                Part(
-                    "second horizon",
-                    request == "sky_view_factor",
-                    "clip by the plane of the sky"
-                    if request == "sky_view_factor"
-                    else "no sky plane asked for",
-                ),
-            ),
-        )
+        if method == "octahedral" or request == "visibility":
+            return octahedral_plan(self._finder, request, k, weighting)
+        return radial_plan(self._finder, request, k, weighting)
 
     @property
     def memory(self) -> dict[str, int]:
         """Bytes of topology and hierarchies, by part."""
-        contour, boundary, face_tree = self._finder.bundles
-        return {
-            "topology": _n_bytes(self._finder.geometry),
-            "contour hierarchy": _n_bytes(contour),
-            "boundary hierarchy": _n_bytes(boundary) if len(boundary.ends) else 0,
-            "face hierarchy": _n_bytes(face_tree),
-        }
+        return memory(self._finder)
 
     def __repr__(self) -> str:
         return f"<silint.SilhouetteIntegrator of {self.scene!r}>"
@@ -502,7 +425,3 @@ def _in_rows(
 def _at_least_two(isolines: int) -> int:
     """A single isoline, at u = 0, meets no hemisphere of a normal along x."""
     return max(positive_int(isolines, "isolines", 1, MAX_ISOLINES), 2)
-
-
-def _n_bytes(arrays: Any) -> int:
-    return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray))

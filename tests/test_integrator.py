@@ -465,7 +465,7 @@ def test_a_request_builds_the_tables_that_it_explains(
         return moments.moment_table(order, isolines)
 
     monkeypatch.setattr(fractions, "moment_table", counted)
-    plan = integrator.explain(request_name, isolines=K, weighting=weighting)
+    plan = integrator.explain(request_name, isolines=K, weighting=weighting, method="octahedral")
     parts = plan.as_dict()
     explained = {order for order, name in names.items() if parts[name]["built"]}
     options: dict[str, Any] = {"weighting": weighting} if request_name == "ambient_occlusion" else {}
@@ -490,10 +490,28 @@ def test_explain_knows_closed_meshes() -> None:
 
 
 @pytest.mark.parametrize("name", ["clutter_31k", "foliage"])
-def test_hierarchies_and_topology_stay_below_300_bytes_a_triangle(name: str) -> None:
+def test_hierarchies_and_topology_stay_below_200_bytes_a_triangle(name: str) -> None:
     integrator = SilhouetteIntegrator(Scene(*scenes.build(name)))
     per_triangle = integrator.plan.n_bytes / integrator.scene.n_faces
-    assert 100 < per_triangle <= 300
+    assert 100 < per_triangle <= 200
+
+
+def test_a_radial_request_builds_no_table(
+    integrator: SilhouetteIntegrator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fractions, "moment_table", lambda *_: pytest.fail("a table was built"))
+    for request_name in ("ambient_occlusion", "sky_view_factor", "bent_normals"):
+        plan = integrator.explain(request_name, isolines=K)
+        parts = plan.as_dict()
+        assert not parts["tables"]["built"]
+        assert parts["sweep"]["built"] != parts["cover"]["built"]
+        result = getattr(integrator, request_name)(
+            [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], isolines=K, full_output=True
+        )
+        # Served the way that was explained.
+        served = "covered_points" if parts["cover"]["built"] else "swept_points"
+        assert result.diagnostics[served] == 1
+        assert str(plan).startswith(f"{request_name}, {max(K + K % 2, 4)} radial isolines")
 
 
 @pytest.mark.slow

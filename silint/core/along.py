@@ -1,7 +1,7 @@
 """Faces that a half-line from the shade point may meet: what start counts are counted from.
 
-Two filters in float32, 16 lanes at a time (see `lanes`): boxes of the tree, then faces of a bundle. They drop what
-certainly stays clear of the half-line; the rest is decided by whoever asks.
+Two filters in float32, 16 lanes at a time (see `lanes`): boxes of the tree, then faces of a bundle. They
+drop what certainly stays clear of the half-line; the rest is decided by whoever asks.
 """
 
 from __future__ import annotations

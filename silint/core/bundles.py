@@ -2,9 +2,9 @@
 
 The search for contour edges is a filter in float32 with an error bound: what it drops is no contour that
 crosses a line above the horizon, what it keeps is decided in float64. Nodes come in *blocks* of 16 siblings,
-field by field, so that one loop over 16 lanes tests a whole block. An edge is kept beside its bundle in 16 bit
-integers relative to the bundle's centre and radius: 28 bytes, where 14 float64 would be 112, and the error that
-this makes is part of the bound.
+field by field, so that one loop over 16 lanes tests a whole block. An edge is kept beside its bundle in 16
+bit integers relative to the bundle's centre and radius: 28 bytes, where 14 float64 would be 112, and the
+error that this makes is part of the bound.
 
 An edge with two faces has f = o N.p + d for each, the second negated: it is a contour where both differ in
 sign. Edges with one face, or with many, are contours from nearly everywhere; position alone rejects them.
@@ -26,7 +26,8 @@ from silint.core.topology import Edges, Topology, edges_of
 # values make the dual test reject more, smaller ones the position test; measured on clutter and scans.
 NORMAL_WEIGHT = 0.06
 
-# Fields of a node: f = NORMAL.(p - CENTRE) + OFFSET within NORMAL_HALF and OFFSET_HALF, for all of its planes.
+# Fields of a node: f = NORMAL.(p - CENTRE) + OFFSET within NORMAL_HALF and OFFSET_HALF, for all of its
+# planes.
 CENTRE, HALF, RADIUS, NORMAL, NORMAL_HALF, OFFSET, OFFSET_HALF, N_FIELDS = 0, 3, 6, 7, 10, 13, 14, 15
 BLOCK = N_FIELDS * WIDTH
 

@@ -1,8 +1,9 @@
 """Where edges cross radial isolines, decided in float64, 16 edges at a time.
 
-Fetch the vertices and sides of 16 edges, put them in the frame in one loop over the lanes that compilers turn into
-vector code, then record the crossings one by one. All is in the order of the edges, and without contracted
-products: a crossing has the same bits wherever it is computed (radial.edge_circle, radial.sector).
+Fetch the vertices and sides of 16 edges, put them in the frame in one loop over the lanes that compilers
+turn into vector code, then record the crossings one by one. All is in the order of the edges, and without
+contracted products: a crossing has the same bits wherever it is computed (radial.edge_circle,
+radial.sector).
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ class FaceBundles(NamedTuple):
     coarse: np.ndarray  # (bundles * CORNER_BLOCK,) int16: corners from the centre, in longest half widths
     nodes: np.ndarray  # (blocks * BLOCK,) float32, level by level, bundles first
     levels: np.ndarray  # (depth + 1,) int64: first block of each level
-    # (bundles * CORNER_BLOCK,) float64, in rising order of a face's vertices, zero beyond the last face; empty
-    # where nothing is to be covered.
+    # (bundles * CORNER_BLOCK,) float64, in rising order of a face's vertices, zero beyond the last face;
+    # empty where nothing is to be covered.
     corners: np.ndarray
 
 

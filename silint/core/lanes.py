@@ -1,19 +1,20 @@
 """Vector code from plain loops: sixteen lanes at a time.
 
-Numba hands loops to LLVM, which turns them into vector instructions of whatever machine it is on (AVX2, AVX-512,
-NEON), if they are written so that it can:
+Numba hands loops to LLVM, which turns them into vector instructions of whatever machine it is on (AVX2,
+AVX-512, NEON), if they are written so that it can:
 
 - exactly `WIDTH` lanes, in a loop over an *unsigned* index. A signed index may be negative and wrap around in
   Python; that check in front of every access keeps a loop scalar. 96 ns became 5 ns for 16 tests of an edge.
 - arrays of one dimension, laid out in blocks of WIDTH lanes field by field, read at *block + field * WIDTH +
   lane* with constant fields: the compiler sees that no two accesses overlap.
-- no branches: both sides are computed and one is chosen. No calls but to functions that are inlined. ``x if x > y
-  else y`` instead of ``max``, which has to respect NaN.
-- a set of lanes is an integer with a bit each, gathered by ``mask |= hit << lane``; `lowest` walks through it.
+- no branches: both sides are computed and one is chosen. No calls but to functions that are inlined. ``x if
+  x > y else y`` instead of ``max``, which has to respect NaN.
+- a set of lanes is an integer with a bit each, gathered by ``mask |= hit << lane``; `lowest` walks through
+  it.
 
 The same functions run as they are without the compiler (NUMBA_DISABLE_JIT=1), lane by lane: that is their
-scalar twin, and the tests compare the two. Loops in float32 are filters: they may contract and reorder products
-(`jit.FILTER`), and everything they drop is dropped by a margin. Loops in float64 keep every bit.
+scalar twin, and the tests compare the two. Loops in float32 are filters: they may contract and reorder
+products (`jit.FILTER`), and everything they drop is dropped by a margin. Loops in float64 keep every bit.
 """
 
 from __future__ import annotations

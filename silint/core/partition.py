@@ -1,8 +1,8 @@
 """Trees without pointers: the one builder behind all hierarchies, and behind tiles of shade points.
 
-Items are put in an order in which every aligned run of 16 * 2^i of them belongs together. Sixteen items make a
-bundle, sixteen bundles a node of the next level, and so on: node j of a level holds the items from j * size on.
-Every level is partitioned in parallel.
+Items are put in an order in which every aligned run of 16 * 2^i of them belongs together. Sixteen items make
+a bundle, sixteen bundles a node of the next level, and so on: node j of a level holds the items from j *
+size on. Every level is partitioned in parallel.
 """
 
 from __future__ import annotations

@@ -6,8 +6,9 @@ would make zenith and lines degenerate. With azimuth phi about A, line k is the 
 1/2) / K, and a direction on it is known by its key y = cot(theta): +inf at the zenith A, falling towards the
 horizon of the normal. The circle is cut into K sectors, sector s between the lines s - 1 and s.
 
-A great circle arc through a and b with normal N = a x (b - a) has cot(theta) = -(N_T cos(phi) + N_M sin(phi)) / N_A:
-two products a crossing, and azimuth is monotone along it. Every vertex has one sector. An edge crosses the lines between the sectors of its ends, the short way round,
+A great circle arc through a and b with normal N = a x (b - a) has
+cot(theta) = -(N_T cos(phi) + N_M sin(phi)) / N_A: two products a crossing, and azimuth is monotone along it.
+Every vertex has one sector. An edge crosses the lines between the sectors of its ends, the short way round,
 whatever rounding does to where exactly: so the crossings of closed contours cancel. K is even, 4 at least.
 """
 
@@ -93,7 +94,10 @@ class RadialIntervals(NamedTuple):
 
 @njit(**KERNEL)
 def set_frame(n, frame):
-    """Write T, M, A of a unit normal to the rows of frame (3, 3) [Duff et al. 2017, then a fixed rotation]."""
+    """Write T, M, A of a unit normal to the rows of frame (3, 3).
+
+    The basis of Duff et al. 2017 (Building an Orthonormal Basis, Revisited), then a fixed rotation.
+    """
     sign = 1.0 if n[2] >= 0.0 else -1.0
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
@@ -175,7 +179,7 @@ def sector(t, m, n_lines):
 
 @njit(**KERNEL)
 def edge_circle(ax, ay, az, ex, ey, ez):
-    """Coefficients of the great circle through a and a + e, in the frame: key = A cos(phi) + B sin(phi), and N_A.
+    """Great circle through a and a + e, in the frame: A and B of key = A cos(phi) + B sin(phi), and N_A.
 
     Where N_A is 0 the keys are infinite, or NaN for an edge through the shade point, which counts as seen
     along -n.

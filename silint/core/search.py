@@ -7,8 +7,8 @@ Four filters in float32 (see `lanes`), from coarse to fine:
     packets against a shade point           -> packets that may cross one of its lines
     edges of a packet against the point     -> edges to be decided in float64
 
-A filter says what may be dropped: no contour, below the horizon, or between two neighbouring lines. Comparisons
-with NaN or infinity never drop. Errors of rounding and of 16 bit edges are part of every bound.
+A filter says what may be dropped: no contour, below the horizon, or between two neighbouring lines.
+Comparisons with NaN or infinity never drop. Errors of rounding and of 16 bit edges are part of every bound.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ P_POINT, P_NORMAL, P_T, P_M, P_SLACK, P_PER_RADIAN, N_POINT = 0, 3, 6, 9, 12, 13
 # A packet: centre and radius about its vertices, relative to the tile's centre, and what these may be off by.
 PACKET_CENTRE, PACKET_RADIUS, PACKET_ERROR, N_PACKET = 0, 3, 4, 5
 PACKET_BLOCK = N_PACKET * WIDTH
-# A candidate: the fields of an edge relative to the tile's centre, and what its signed distances may be off by.
+# A candidate: the fields of an edge relative to the tile's centre, and what its signed distances may be off
+# by.
 WRONG, N_CANDIDATE = N_EDGE_FIELDS, N_EDGE_FIELDS + 1
 CANDIDATE_BLOCK = N_CANDIDATE * WIDTH
 

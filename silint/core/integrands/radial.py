@@ -2,12 +2,12 @@
 
 On the half-plane phi about the axis A a direction is w = cos(theta) A + sin(theta) t with t = cos(phi) T +
 sin(phi) M, and dw = sin(theta) dtheta dphi. With y = cot(theta), s = sin(theta) = 1 / sqrt(1 + y^2) and c =
-cos(theta) = y s, integrals over theta are algebraic in s and c, but for the angle itself in the cosine-weighted
-one, which is there only because A is not quite the normal.
+cos(theta) = y s, integrals over theta are algebraic in s and c, but for the angle itself in the
+cosine-weighted one, which is there only because A is not quite the normal.
 
-Each value is the visible integral over that of the same lines above the same horizon, times the exact value of
-an open hemisphere: an open sky is exactly open, a closed room exactly closed. The lines are also summed in four
-interleaved groups, whose spread tells how far a group of a quarter of the lines is off.
+Each value is the visible integral over that of the same lines above the same horizon, times the exact value
+of an open hemisphere: an open sky is exactly open, a closed room exactly closed. The lines are also summed
+in four interleaved groups, whose spread tells how far a group of a quarter of the lines is off.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from silint.core.radial import (
 UNIFORM, COSINE = 0, 1
 GROUPS = 4
 
-# The error of all lines per root mean square deviation of the groups from their mean: at a rate of lines^-1.5 a
-# group of a quarter errs 8 times as much. Calibrated such that the estimate holds for 95 % of points
-# (benchmarks/tolerance.py).
+# The error of all lines per root mean square deviation of the groups from their mean: at a rate of
+# lines^-1.5 a group of a quarter errs 8 times as much. Calibrated such that the estimate holds for 95 % of
+# points (benchmarks/tolerance.py).
 _ERROR_OF_SPREAD = 0.5
 
 

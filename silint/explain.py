@@ -1,0 +1,155 @@
+"""What a scene and a request need, in words and bytes: the integrator's plans."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from silint.finder import VisibleFinder
+from silint.plan import Part, Plan
+from silint.scene import Scene
+
+REQUESTS = ("ambient_occlusion", "sky_view_factor", "bent_normals", "visibility")
+
+
+def memory(finder: VisibleFinder) -> dict[str, int]:
+    """Bytes of topology and hierarchies, by part."""
+    contour, boundary, faces = finder.bundles
+    return {
+        "topology": _n_bytes(finder.geometry),
+        "contour hierarchy": _n_bytes(contour),
+        "boundary hierarchy": _n_bytes(boundary) if len(boundary.ends) else 0,
+        "face hierarchy": _n_bytes(faces) - faces.corners.nbytes,
+        "face corners": faces.corners.nbytes,
+    }
+
+
+def scene_plan(scene: Scene, finder: VisibleFinder) -> Plan:
+    """What the scene needs, whatever will be asked of it."""
+    contour, boundary, faces = finder.bundles
+    defects, size = scene.defects, memory(finder)
+    others = defects["boundary_edges"] + defects["non_manifold_edges"]
+    return Plan(
+        f"scene: {scene.n_faces:,} triangles",
+        (
+            Part("topology", True, "welded vertices, faces, one plane a flat region", size["topology"]),
+            Part(
+                "contour hierarchy",
+                len(contour.ends) > 0,
+                f"{len(contour.ends):,} edges with two faces"
+                if len(contour.ends)
+                else "no edge has two faces",
+                size["contour hierarchy"],
+            ),
+            Part(
+                "boundary hierarchy",
+                len(boundary.ends) > 0,
+                f"{len(boundary.ends):,} edges with one face, or more than two"
+                if others
+                else "closed mesh: every edge has two faces",
+                size["boundary hierarchy"],
+            ),
+            Part(
+                "flat edges",
+                False,
+                f"{finder.flat_edges:,} edges inside flat regions are contours from nowhere",
+            ),
+            Part(
+                "face hierarchy",
+                True,
+                "start counts, and covering where it is cheaper or counts fail",
+                size["face hierarchy"],
+            ),
+            Part(
+                "face corners",
+                len(faces.corners) > 0,
+                "covering reads them" if len(faces.corners) else "no radial query has asked to cover",
+                size["face corners"],
+            ),
+        ),
+    )
+
+
+def octahedral_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str) -> Plan:
+    """What a request needs on octahedral isolines."""
+    orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
+    used = orders.get(request, {1, 2} if request == "bent_normals" else set())
+    tables = tuple(
+        Part(
+            name,
+            order in used,
+            why if order in used else f"{request} does not need it",
+            isolines * 1025 * 2 * channels * 8 if order in used else 0,
+        )
+        for order, name, channels, why in (
+            (0, "solid angle table", 1, "uniform weighting; one table serves all normals"),
+            (1, "first moment table", 3, "n.w is linear in w; one table serves all normals"),
+            (2, "second moment table", 6, "(n.w) w is quadratic in w; one table serves all normals"),
+        )
+    )
+    return Plan(
+        f"{request}, {isolines} octahedral isolines",
+        (
+            *_searches(finder),
+            Part(
+                "sweep", True, f"depth counts on {isolines} isolines, start count at the pole, horizon check"
+            ),
+            Part("cover", False, "only for isolines whose counts contradict each other"),
+            *tables,
+            _second_horizon(request),
+        ),
+    )
+
+
+def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str) -> Plan:
+    """What a request needs on radial isolines."""
+    cover = finder.cover
+    n_lines = max(isolines + isolines % 2, 4)
+    searches = tuple(
+        Part(part.name, False, "covering needs no contours") if cover else part for part in _searches(finder)
+    )
+    integrand = "n.w" if weighting == "cosine" or request != "ambient_occlusion" else "1"
+    return Plan(
+        f"{request}, {n_lines} radial isolines",
+        (
+            *searches,
+            Part(
+                "sweep",
+                not cover,
+                "covering costs less here, by counts on a sample of faces"
+                if cover
+                else f"depth counts on {n_lines} half-planes, one start count at the zenith",
+            ),
+            Part(
+                "cover",
+                cover,
+                f"faces taken from {n_lines} half-planes, front to back; fewer counts than the sweep's"
+                if cover
+                else "the sweep costs less here; only for points whose counts contradict each other",
+            ),
+            Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
+            _second_horizon(request),
+        ),
+    )
+
+
+def _searches(finder: VisibleFinder) -> tuple[Part, Part]:
+    has_boundary = len(finder.bundles.boundary.ends) > 0
+    return (
+        Part("contour search", True, "dual-space, horizon and line tests for tiles of points"),
+        Part(
+            "boundary search",
+            has_boundary,
+            "open or non-manifold edges" if has_boundary else "closed mesh: no boundary edges",
+        ),
+    )
+
+
+def _second_horizon(request: str) -> Part:
+    sky = request == "sky_view_factor"
+    return Part("second horizon", sky, "clip by the plane of the sky" if sky else "no sky plane asked for")
+
+
+def _n_bytes(arrays: Any) -> int:
+    return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray))
