@@ -37,7 +37,7 @@ class VisibleIntervals(NamedTuple):
 
 
 # What both ways cost a point, in ns per count of the tally: nodes, edges or faces, contours, crossings,
-# snapped sides. Fitted to a clutter, a room, foliage, an interior and a scan, to 20 %; only the ratio matters.
+# snapped sides. Fitted to a clutter, a room, foliage, an interior and a scan, to 20 %; only ratios matter.
 _SWEEP_COST = np.array([0.0, 6.6, 48.0, 51.0, 0.0])
 _COVER_COST = np.array([59.0, 27.0, 0.0, 30.0, 0.0])
 # What covering costs at least: the front layer of a simple scene.

@@ -76,9 +76,10 @@ def radial_fraction(normal, counts, starts, intervals, weighting, out):
     out : (n, GROUPS) float64, out
     """
     n_lines = len(normal)
-    whole = np.zeros(GROUPS)
+    whole, to_horizon = np.zeros(GROUPS), np.empty(n_lines)
     for k in range(n_lines):
-        whole[k % GROUPS] += _primitive(normal[k, 1], normal[k, 0], weighting)
+        to_horizon[k] = _primitive(normal[k, 1], normal[k, 0], weighting)
+        whole[k % GROUPS] += to_horizon[k]
     for i in prange(len(counts)):
         row = starts[i]
         for g in range(GROUPS):
@@ -86,8 +87,12 @@ def radial_fraction(normal, counts, starts, intervals, weighting, out):
         for k in range(n_lines):
             seen = 0.0
             for _ in range(counts[i, k]):
-                seen += _between(intervals[row, 0], intervals[row, 1], normal[k, 0], weighting)
+                y0, y1 = intervals[row, 0], intervals[row, 1]
                 row += 1
+                # Most intervals end at the horizon, which is the same for all points.
+                seen += to_horizon[k] if y1 == normal[k, 1] else _primitive(y1, normal[k, 0], weighting)
+                if y0 < np.inf:
+                    seen -= _primitive(y0, normal[k, 0], weighting)
             out[i, k % GROUPS] += seen
         for g in range(GROUPS):
             out[i, g] /= whole[g]
