@@ -25,7 +25,7 @@ from silint.core.visible import (
     tile_order,
 )
 from silint.scene import Scene
-from silint.validation import InputError, normals_array, points_array
+from silint.validation import InputError, normal_rows, normals_array, points_array
 from silint.visibility import FloatArray, Visibility
 
 Progress = Callable[[int, int], None]
@@ -70,19 +70,51 @@ class VisibleFinder:
         return self._cover
 
     def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Points in scaled units, lifted along their unit normals."""
+        """Points in scaled units, lifted along their unit normals, and these."""
         p, float32_points = points_array(points)
         n = normals_array(normals, len(p))
+        return self._lifted(p, n, float32_points, 0), n
+
+    def shade_point_chunks(
+        self, points: npt.ArrayLike, normals: npt.ArrayLike
+    ) -> tuple[int, Iterator[tuple[slice, FloatArray, FloatArray]]]:
+        """The same, some at a time, so that memory does not grow with their number: how many, and the chunks.
+
+        All of them are checked before the first is handed out.
+        """
+        p, float32_points = points_array(points)
+        rows = normal_rows(normals, len(p))
+        chunks = [slice(i, min(i + _TILED_POINTS, len(p))) for i in range(0, len(p), _TILED_POINTS)]
+
+        def unit(chunk: slice) -> FloatArray:
+            return normals_array(rows[chunk], chunk.stop - chunk.start, first_row=chunk.start)
+
+        for chunk in chunks:
+            unit(chunk)
+            self._scaled(p[chunk], chunk.start)
+
+        def lifted() -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+            for chunk in chunks:
+                n = unit(chunk)
+                yield chunk, self._lifted(p[chunk], n, float32_points, chunk.start), n
+
+        return len(p), lifted()
+
+    def _scaled(self, points: FloatArray, first_row: int) -> FloatArray:
         with np.errstate(over="ignore"):
-            p = np.ldexp(p, -self.scene.welding.exponent)
+            p: FloatArray = np.ldexp(points, -self.scene.welding.exponent)
         far = np.flatnonzero(~(np.abs(p) < 1e100).all(axis=1))
         if len(far):
-            raise InputError(f"points row {far[0]} lies more than 1e100 scene extents away")
+            raise InputError(f"points row {far[0] + first_row} lies more than 1e100 scene extents away")
+        return p
+
+    def _lifted(self, points: FloatArray, n: FloatArray, float32_points: bool, first_row: int) -> FloatArray:
+        p = self._scaled(points, first_row)
         lift = LIFT_FLOAT32 if float32_points or self.scene.float32_source else LIFT
         lifted = np.empty_like(p)
         with KERNEL_LOCK:
             lift_points(self.geometry, self.bundles.face, p, n, *lift, lifted)
-        return lifted, n
+        return lifted
 
     def octahedral(
         self,
@@ -226,7 +258,7 @@ def count_work(totals: dict[str, int], tally: npt.NDArray[np.int64]) -> None:
 
 def add_counts(totals: dict[str, int], more: Mapping[str, int]) -> None:
     """Add the counts of another group of points."""
-    for key in totals:
+    for key in more:
         if key == "isolines":
             totals[key] = max(totals[key], more[key])
         else:

@@ -276,13 +276,18 @@ class SilhouetteIntegrator:
             tolerance, lines = positive_number(tolerance, "tolerance"), _FIRST_ISOLINES
         else:
             raise InputError("isolines and tolerance given; a tolerance takes as many isolines as it needs")
-        p, n = self._finder.shade_points(points, normals)
-        value, estimate = np.empty((len(p), *integrand.shape)), np.empty(len(p))
+        n_points, chunks = self._finder.shade_point_chunks(points, normals)
+        value, estimate = np.empty((n_points, *integrand.shape)), np.empty(n_points)
         totals = diagnose(None, 0, 0, 0)
-        if tolerance is None:
-            self._run(integrand, method, p, n, np.arange(len(p)), lines, value, estimate, totals, progress)
-        else:
-            self._refine(integrand, method, p, n, tolerance, value, estimate, totals, progress)
+        if tolerance is not None:
+            totals["above_tolerance"] = 0
+        for chunk, p, n in chunks:
+            report = _part_of(progress, chunk, n_points)
+            part = value[chunk], estimate[chunk]
+            if tolerance is None:
+                self._run(integrand, method, p, n, np.arange(len(p)), lines, *part, totals, report)
+            else:
+                self._refine(integrand, method, p, n, tolerance, *part, totals, report)
         return Result(value, estimate, totals) if full_output else value
 
     def _refine(
@@ -304,16 +309,19 @@ class SilhouetteIntegrator:
             rows = np.flatnonzero(lines == k)
             if len(rows):
                 counts = diagnose(None, 0, 0, 0)
-                self._run(integrand, method, p[rows], n[rows], rows, k, value, estimate, counts, progress)
+                # Progress is that of the first pass; what a few points need beyond it is not known.
+                report = progress if k == _FIRST_ISOLINES else None
+                self._run(integrand, method, p[rows], n[rows], rows, k, value, estimate, counts, report)
                 above = rows[estimate[rows] > tolerance]
                 steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1, _MOST_STEPS)
                 lines[above] = k * 2 ** steps.astype(int)
                 if k < MAX_ISOLINES:
                     lines[above] = np.minimum(lines[above], MAX_ISOLINES)
+                if k > _FIRST_ISOLINES:
+                    counts["points"] = 0  # counted once
                 add_counts(totals, counts)
             k *= 2
-        totals["points"] = len(p)
-        totals["above_tolerance"] = int((lines > MAX_ISOLINES).sum())
+        totals["above_tolerance"] += int((lines > MAX_ISOLINES).sum())
 
     def _run(
         self,
@@ -399,6 +407,13 @@ def at_valid_points(
     estimate[valid] = result.error_estimate
     diagnostics = {**result.diagnostics, "without_normal": int((~np.asarray(valid)).sum())}
     return Result(value, estimate, diagnostics) if full_output else value
+
+
+def _part_of(progress: Progress | None, chunk: slice, total: int) -> Progress | None:
+    """Progress of a chunk as that of all points."""
+    if progress is None:
+        return None
+    return lambda done, _: progress(chunk.start + done, total)
 
 
 def _in_rows(

@@ -17,6 +17,7 @@ __all__ = [
     "InputError",
     "choice",
     "mesh_arrays",
+    "normal_rows",
     "normals_array",
     "points_array",
     "positive_int",
@@ -71,7 +72,7 @@ def points_array(points: npt.ArrayLike, name: str = "points") -> tuple[FloatArra
     return out, came_as_float32
 
 
-def normals_array(normals: npt.ArrayLike, n: int, name: str = "normals") -> FloatArray:
+def normals_array(normals: npt.ArrayLike, n: int, name: str = "normals", first_row: int = 0) -> FloatArray:
     """Unit normals, one for each of `n` points.
 
     Parameters
@@ -82,6 +83,8 @@ def normals_array(normals: npt.ArrayLike, n: int, name: str = "normals") -> Floa
         The number of points that they belong to.
     name : str
         What error messages call the argument.
+    first_row : int
+        What error messages call the first row.
 
     Returns
     -------
@@ -93,17 +96,22 @@ def normals_array(normals: npt.ArrayLike, n: int, name: str = "normals") -> Floa
     InputError
         Wrong shape, or rows that are zero or not finite, which are listed.
     """
+    out = _as_float64(normal_rows(normals, n, name))
+    _require_finite_rows(out, name, first_row)
+    zero = np.flatnonzero(~out.any(axis=1))
+    if zero.size:
+        raise InputError(f"{name} must not be zero; {_rows_text(zero + first_row)}")
+    return _normalised(out)
+
+
+def normal_rows(normals: npt.ArrayLike, n: int, name: str = "normals") -> npt.NDArray[Any]:
+    """The rows of `normals_array` as they are: shape and dtype are checked, values are not."""
     array = _rows_of_three(normals, name)
     if array.shape[0] != n:
         raise InputError(
             f"{name} has {array.shape[0]} rows, but there are {n} points; pass one normal for each point"
         )
-    out = _as_float64(array)
-    _require_finite_rows(out, name)
-    zero = np.flatnonzero(~out.any(axis=1))
-    if zero.size:
-        raise InputError(f"{name} must not be zero; {_rows_text(zero)}")
-    return _normalised(out)
+    return array
 
 
 def unit_vector(v: npt.ArrayLike, name: str) -> FloatArray:
@@ -298,10 +306,10 @@ def _as_float64(array: npt.NDArray[Any]) -> FloatArray:
         return np.require(array, dtype=np.float64, requirements=["C", "A"])
 
 
-def _require_finite_rows(array: FloatArray, name: str) -> None:
+def _require_finite_rows(array: FloatArray, name: str, first_row: int = 0) -> None:
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise InputError(f"{name} must be finite; NaN or infinity in {_rows_text(bad)}")
+        raise InputError(f"{name} must be finite; NaN or infinity in {_rows_text(bad + first_row)}")
 
 
 def _normalised(vectors: FloatArray) -> FloatArray:
