@@ -9,11 +9,13 @@ point does not depend on their number). Every setting runs once per round, silin
 the median of the rounds counts. What is done once (hierarchies, tables, Sobol sets, compilation) is done
 before, and hierarchies and tables are listed.
 
-Time that a setting may take is limited (`seconds`): where all points would take longer, the first few of
-them are timed, those whose errors count at least; their order is random, or spread over the mesh's vertices.
-The first of silint's methods gets half of the time, and what cheap settings leave goes to expensive ones. A
-setting is left out where already the cheaper one before takes more than what is left of its method's time,
-and so are methods that this silint does not have.
+Time that a setting may take is limited (`seconds`): where all points would take longer, some are timed. Of
+silint's, which share work with their neighbours, runs of 1024 neighbours out of all points, spread over the
+mesh; of Embree's the first few, in random order or spread over the mesh's vertices. The points whose errors
+count are the first of these, and asked for on their own: a value does not depend on its company. The first
+of silint's methods gets half of the time, and what cheap settings leave goes to expensive ones. A setting is
+left out where already the cheaper one before takes more than what is left of its method's time, and so are
+methods that this silint does not have.
 
 The truth
 ---------

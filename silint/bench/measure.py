@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from silint.bench import machine
 from silint.bench.curves import Bounded, pays_after, speedup, time_at_error
-from silint.bench.sites import SITES, shade_sites
+from silint.bench.sites import SITES, shade_sites, spread
 from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
+from silint.core.visible import tile_order
 from silint.validation import InputError, choice, positive_int
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ _FIRST_SHARE = 0.5
 # How many times more points a second look takes than the first.
 _SECOND_LOOK = 8
 
+# Neighbours that are timed together.
+_RUN = 1024
+
 # Rays of Embree alone, a setting, and how often; the best counts, in Embree's favour.
 _BARE_RAYS, _BARE_RUNS = 1 << 22, 3
 
@@ -55,7 +59,7 @@ class _Setting:
 
     method: str
     setting: int
-    run: Callable[[int, bool], tuple[FloatArray, dict[str, int]]]  # first n points; with diagnostics?
+    run: Callable[[int, bool], tuple[FloatArray, dict[str, int]]]  # n points; with diagnostics?
     most: int  # points that may be timed
     points: int = 0
     rounds: int = 0  # none: left out, there was no time for it
@@ -63,6 +67,8 @@ class _Setting:
     seconds: list[float] = field(default_factory=list)
     value: FloatArray = field(default_factory=lambda: np.empty(0))
     diagnostics: dict[str, int] = field(default_factory=dict)
+    # Values of the points whose errors count, where others are timed.
+    judged: Callable[[], FloatArray] | None = None
 
     def timed(self, n: int, look: bool = False) -> float:
         start = time.perf_counter()
@@ -323,23 +329,52 @@ def _settings(
     """All settings of both sides in turns, cheap ones first."""
     weighting, seed = options["weighting"], opponent_seed(options["seed"])
 
+    rows = _in_company(points, normals)
+
     def silhouettes(method: str, k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
         result = integrator.ambient_occlusion(
-            points[:n], normals[:n], isolines=k, weighting=weighting, method=method, full_output=look
+            points[rows[:n]],
+            normals[rows[:n]],
+            isolines=k,
+            weighting=weighting,
+            method=method,
+            full_output=look,
         )
         return (result.value, dict(result.diagnostics)) if look else (result, {})
+
+    def judged(method: str, k: int) -> FloatArray:
+        m = options["error_points"]
+        value: FloatArray = integrator.ambient_occlusion(
+            points[:m], normals[:m], isolines=k, weighting=weighting, method=method
+        )
+        return value
 
     def monte_carlo(k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
         return embree.ambient_occlusion(points[:n], normals[:n], k, seed, weighting).value, {}
 
     most = min(options["embree_points"], len(points))
     columns = [
-        [_Setting(method, k, partial(silhouettes, method, k), len(points)) for k in options["isolines"]]
+        [
+            _Setting(
+                method, k, partial(silhouettes, method, k), len(points), judged=partial(judged, method, k)
+            )
+            for k in options["isolines"]
+        ]
         for method in options["methods"]
     ]
     columns.append([_Setting(EMBREE, k, partial(monte_carlo, k), most) for k in options["rays"]])
     longest = max(len(column) for column in columns)
     return [column[i] for i in range(longest) for column in columns if i < len(column)]
+
+
+def _in_company(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.intp]:
+    """Runs of neighbours, spread over all: some of the points cost as much each as they do among all.
+
+    Points that are asked for together share work with their neighbours; a few picked far apart would not.
+    """
+    order = tile_order(points, normals)
+    runs = [order[i : i + _RUN] for i in range(0, len(order), _RUN)]
+    return np.concatenate([runs[i] for i in spread(len(runs))]).astype(np.intp)
 
 
 def _warm_up(settings: list[_Setting], report: Callable[[int, int], None]) -> None:
@@ -398,7 +433,8 @@ def _afford(setting: _Setting, share: float, options: dict[str, Any]) -> tuple[f
 
 
 def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
-    difference = setting.value[: len(truth.value)] - truth.value
+    value = setting.value[: len(truth.value)] if setting.judged is None else setting.judged()
+    difference = value - truth.value
     rmse = rms(difference)
     seconds = statistics.median(setting.seconds)
     n = setting.points

@@ -622,7 +622,19 @@ def _cover_points(geometry, bundles, points, normals, lines, horizon, first, las
 
 @njit(**PARALLEL)
 def covered_radial_intervals(
-    geometry, faces, points, normals, lines, horizon, per_block, counts, starts, intervals, needed, tally
+    geometry,
+    faces,
+    points,
+    normals,
+    lines,
+    horizon,
+    hands,
+    per_block,
+    counts,
+    starts,
+    intervals,
+    needed,
+    tally,
 ):
     """Visible intervals of many shade points on radial isolines, by covering.
 
@@ -635,6 +647,8 @@ def covered_radial_intervals(
         As for `radial_sweep.radial_intervals`, in any order.
     lines, horizon : (K, 2), (K,) float64
         See `radial.line_table` and `radial.normal_table`.
+    hands : int
+        The number of threads; nothing but the time depends on it.
     per_block : int
         Points of a block.
     counts : (n, K) int32, out
@@ -648,8 +662,13 @@ def covered_radial_intervals(
     tally : (n, N_TALLY) int64, zero, out
         NODES are blocks of 16 boxes, EDGES are faces here, CROSSINGS are faces on open lines.
     """
-    n = len(points)
-    for block in prange(len(intervals)):
+    n, n_blocks = len(points), len(intervals)
+    # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.
+    share = (n_blocks + hands - 1) // hands
+    for i in prange(share * hands):
+        block = i % share * hands + i // share
+        if block >= n_blocks:
+            continue
         first, last = block * per_block, min((block + 1) * per_block, n)
         found, n_found = _cover_points(
             geometry, faces, points, normals, lines, horizon, first, last, counts, starts, tally

@@ -243,6 +243,7 @@ def radial_intervals(
     normals,
     lines,
     horizon,
+    hands,
     per_block,
     counts,
     starts,
@@ -263,6 +264,8 @@ def radial_intervals(
         space, and alike in normal.
     lines, horizon : (K, 2), (K,) float64
         See `radial.line_table` and `radial.normal_table`.
+    hands : int
+        The number of threads; nothing but the time depends on it.
     per_block : int
         Points of a block, a multiple of TILE.
     counts : (n, K) int32, out
@@ -275,8 +278,13 @@ def radial_intervals(
         Intervals of each block; a block that needs more than the capacity is left unwritten.
     tally : (n, N_TALLY) int64, zero, out
     """
-    n = len(points)
-    for block in prange(len(intervals)):
+    n, n_blocks = len(points), len(intervals)
+    # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.
+    share = (n_blocks + hands - 1) // hands
+    for i in prange(share * hands):
+        block = i % share * hands + i // share
+        if block >= n_blocks:
+            continue
         first, last = block * per_block, min((block + 1) * per_block, n)
         found, n_found = _sweep_tiles(
             geometry,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import get_num_threads
 
 from silint.core.bundles import EdgeBundles
 from silint.core.contour import N_TALLY
@@ -99,7 +100,19 @@ def find_radial(
     blocks = -(-n // per_block)
     intervals, needed = np.empty((blocks, capacity, 2)), np.zeros(blocks, np.int64)
     tally = np.zeros((n, N_TALLY), np.int64)
-    given = points, normals, lines, horizon, per_block, counts, starts, intervals, needed, tally
+    given = (
+        points,
+        normals,
+        lines,
+        horizon,
+        get_num_threads(),
+        per_block,
+        counts,
+        starts,
+        intervals,
+        needed,
+        tally,
+    )
     if cover:
         covered_radial_intervals(geometry, bundles.face, *given)
     else:

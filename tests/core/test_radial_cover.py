@@ -91,7 +91,7 @@ def cover(
     topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, n_lines: int = K, per_block: int = 8
 ) -> Found:
     def run(*blocks: object) -> None:
-        covered_radial_intervals(topology, faces, p, n, *tables(n_lines), *blocks)
+        covered_radial_intervals(topology, faces, p, n, *tables(n_lines), 2, *blocks)
 
     return gathered(run, len(p), n_lines, per_block)
 
@@ -100,7 +100,7 @@ def sweep(topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, 
     contour, boundary, _ = build_edge_bundles(topology)
 
     def run(*blocks: object) -> None:
-        radial_intervals(topology, contour, boundary, faces, p, n, *tables(n_lines), *blocks)
+        radial_intervals(topology, contour, boundary, faces, p, n, *tables(n_lines), 2, *blocks)
 
     return gathered(run, len(p), n_lines, TILE)
 
