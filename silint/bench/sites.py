@@ -28,8 +28,8 @@ def shade_sites(scene: Scene, sites: str, n: int, rng: np.random.Generator) -> t
     ----------
     scene : Scene
     sites : {"surface", "vertices"}
-        Uniform samples of the area, exactly `n`; or all vertices that have a normal, and where there are
-        more than `n`, as many evenly out of the file's order.
+        Uniform samples of the area, exactly `n`; or all vertices that have a normal which leads off the
+        faces about them, and where there are more than `n`, as many evenly out of the file's order.
     n : int
     rng : numpy.random.Generator
         Draws the surface samples.
@@ -39,19 +39,22 @@ def shade_sites(scene: Scene, sites: str, n: int, rng: np.random.Generator) -> t
     points, normals : (m, 3)
         In an order in which the first few, however many, are spread over all of them.
     """
-    from silint.reference import embree_points
+    from silint.reference import embree_points, on_surface
 
-    face_ids = None
     if sites == "surface":
         points, normals, face_ids = area_samples(scene.vertices, scene.faces, n, rng)
-    else:
-        normals, valid = scene.vertex_normals()
-        rows = np.flatnonzero(valid)
-        if not len(rows):
-            raise InputError("no vertex has a normal; there is nowhere to put points")
-        rows = rows[spread(len(rows))[:n]]
-        points, normals = scene.vertices[rows], normals[rows]
-    return embree_points(scene.vertices, scene.faces, points, normals, face_ids), normals
+        return embree_points(scene.vertices, scene.faces, points, normals, face_ids), normals
+    normals, valid = scene.vertex_normals()
+    rows = np.flatnonzero(valid)
+    if not len(rows):
+        raise InputError("no vertex has a normal; there is nowhere to put points")
+    rows = rows[spread(len(rows))[:n]]
+    points, normals = (
+        embree_points(scene.vertices, scene.faces, scene.vertices[rows], normals[rows]),
+        normals[rows],
+    )
+    clear = ~on_surface(scene.vertices, scene.faces, points)
+    return points[clear], normals[clear]
 
 
 def spread(n: int) -> npt.NDArray[np.intp]:

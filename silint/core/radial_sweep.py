@@ -15,14 +15,15 @@ from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
 from silint.core.contour import CROSSINGS, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
+from silint.core.filters import CANDIDATE_BLOCK, PACKET_BLOCK
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.radial import set_frame
 from silint.core.search import (
-    CANDIDATE_BLOCK,
     N_POINT,
+    N_SIDES,
     N_TILE,
-    PACKET_BLOCK,
+    N_WORK,
     TILE,
     find_edges,
     gather_tile,
@@ -130,7 +131,8 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
     candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
     packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
     face_ids = np.empty(64, np.int32)
-    reach, side = np.empty(2 * WIDTH, np.int32), np.empty(WIDTH, np.int32)
+    reach, work = np.empty(2 * WIDTH, np.int32), np.empty(N_WORK, np.int32)
+    side = np.empty(N_SIDES, np.int32)
     ids, sides = np.empty(1024, np.int32), np.empty(1024, np.int32)
     lanes, spans = np.empty(N_LANE_FIELDS * WIDTH), np.empty(N_SPAN_FIELDS * WIDTH, np.int32)
     capacity = np.int64(16)  # not a literal, for which everything would be compiled again
@@ -171,6 +173,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
                     end[which],
                     q,
                     reach,
+                    work,
                     side,
                     narrow,
                     ids,

@@ -15,6 +15,7 @@ from numba import njit, prange
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import grow, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, side_rounding
+from silint.core.filters import CANDIDATE_BLOCK, PACKET_BLOCK
 from silint.core.isolines import horizon_reach, start_corner, to_loop
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
@@ -34,10 +35,10 @@ from silint.core.octahedral import (
     pole_count,
 )
 from silint.core.search import (
-    CANDIDATE_BLOCK,
     N_POINT,
+    N_SIDES,
     N_TILE,
-    PACKET_BLOCK,
+    N_WORK,
     TILE,
     find_edges,
     gather_tile,
@@ -167,11 +168,8 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
     candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
     packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
     begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    lanes, side, no_lines = (
-        np.empty(2 * WIDTH, np.int32),
-        np.empty(WIDTH, np.int32),
-        np.empty((0, 2), np.float32),
-    )
+    packet_reach, work = np.empty(2 * WIDTH, np.int32), np.empty(N_WORK, np.int32)
+    side, no_lines = np.empty(N_SIDES, np.int32), np.empty((0, 2), np.float32)
     face_ids = np.empty(64, np.int32)
     capacity = 8 * n_lines
     line, position, gain = np.empty(capacity, np.int32), np.empty(capacity), np.empty(capacity, np.int32)
@@ -206,7 +204,8 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
                 begin[which],
                 end[which],
                 q,
-                lanes,
+                packet_reach,
+                work,
                 side,
                 no_lines,
                 ids,

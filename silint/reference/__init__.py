@@ -8,7 +8,14 @@
     Scenes whose answer is a formula.
 """
 
-from silint.reference.displacement import embree_points
+from silint.reference.displacement import embree_points, on_surface
 from silint.reference.embree import EmbreeQMC, ReferenceResult, ambient_occlusion, embree_available
 
-__all__ = ["EmbreeQMC", "ReferenceResult", "ambient_occlusion", "embree_available", "embree_points"]
+__all__ = [
+    "EmbreeQMC",
+    "ReferenceResult",
+    "ambient_occlusion",
+    "embree_available",
+    "embree_points",
+    "on_surface",
+]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from silint.validation import InputError, mesh_arrays, normals_array, points_array
 
-__all__ = ["embree_points"]
+__all__ = ["embree_points", "on_surface"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -69,6 +69,20 @@ def embree_points(
     ulp = np.spacing(largest.astype(np.float32)).astype(np.float64)
     distance = np.maximum(EDGE_SHARE * shortest[nearest], ULPS * ulp)
     return (p + distance[:, None] * n).astype(np.float32).astype(np.float64)
+
+
+def on_surface(
+    vertices: FloatArray, faces: npt.NDArray[np.int32], points: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Displaced points that lie on a face all the same, to a few float32 units in the last place: (n,).
+
+    A normal that runs within a neighbouring face does not lead off it. Which side of that face such a point
+    sees is left to rounding, and rays from there hit it or do not as it falls.
+    """
+    corners = vertices[faces]
+    square = _squared_distance(points, corners[_nearest_faces(corners, points)])
+    ulp = np.spacing(np.abs(points).max(axis=1, initial=0.0).astype(np.float32)).astype(np.float64)
+    return np.sqrt(square) < 0.25 * ULPS * ulp
 
 
 def _nearest_faces(corners: FloatArray, points: FloatArray) -> npt.NDArray[np.int64]:

@@ -175,6 +175,17 @@ def test_points_at_vertices_leave_out_those_without_a_normal() -> None:
     assert (points[:, 2] > 0).all()
 
 
+def test_points_at_vertices_leave_out_those_whose_normals_run_within_another_face() -> None:
+    """A fin stands on the vertex at the origin: its displaced point is on the fin, on neither side of it."""
+    v = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (-1, -1, 0), (1, 1, 0), (0, 0, 1.0)])
+    options = "vertices", 100, np.random.default_rng(0)
+    bare, _ = shade_sites(Scene(v, [[0, 1, 2]]), *options)
+    finned, _ = shade_sites(Scene(v, [[0, 1, 2], [3, 4, 5]]), *options)
+    at_origin = [np.abs(points[:, :2]).max(axis=1) < 1e-3 for points in (bare, finned)]
+    assert at_origin[0].sum() == 1
+    assert at_origin[1].sum() == 0 or (np.abs(finned[at_origin[1], 2]) > 0.5).all()  # the fin's own top
+
+
 @pytest.mark.parametrize("n", [1, 2, 10, 5000])
 def test_every_beginning_is_spread(n: int) -> None:
     order = spread(n)

@@ -19,16 +19,17 @@ from silint.core.contour import EDGES, N_TALLY, NODES, decide_contours, side_rou
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS
 from silint.core.crossings import cross_edges as cross_radial_lines
 from silint.core.face_bundles import build_face_bundles
+from silint.core.filters import CANDIDATE_BLOCK, PACKET_BLOCK
 from silint.core.isolines import horizon_reach, start_corner
 from silint.core.lanes import WIDTH
 from silint.core.octahedral import N_ROWS, cross_edges
 from silint.core.partition import aligned_order, level_blocks
 from silint.core.radial import line_table, normal_table, set_frame
 from silint.core.search import (
-    CANDIDATE_BLOCK,
     N_POINT,
+    N_SIDES,
     N_TILE,
-    PACKET_BLOCK,
+    N_WORK,
     TILE,
     find_edges,
     gather_tile,
@@ -321,7 +322,8 @@ def search(
     candidates, packets = np.empty(WIDTH * CANDIDATE_BLOCK, np.float32), np.zeros(PACKET_BLOCK, np.float32)
     edge_ids = np.empty(WIDTH * WIDTH, np.int32)
     begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    reach, side = np.empty(2 * WIDTH, np.int32), np.empty(WIDTH, np.int32)
+    reach, work = np.empty(2 * WIDTH, np.int32), np.empty(N_WORK, np.int32)
+    side = np.empty(N_SIDES, np.int32)
     set_tile(points, normals, 0, len(points), tile)
     candidates, packets, edge_ids = gather_tile(trees, tile, stack, begin, end, candidates, packets, edge_ids)
     for i in range(len(points)):
@@ -340,6 +342,7 @@ def search(
                 end[which],
                 q,
                 reach,
+                work,
                 side,
                 lines,
                 ids[i, which],

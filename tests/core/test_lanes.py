@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from silint.core import along, bundles, crossings, face_bundles, radial, search
+from silint.core import along, bundles, crossings, face_bundles, filters, radial, search
 from silint.core.lanes import WIDTH, lowest
 
 from_python = njit(error_model="numpy")
@@ -25,32 +25,32 @@ def call_lowest(mask):
 
 @from_python
 def call_tile_mask(nodes, block, tile):
-    return search.tile_mask(nodes, block[0], tile)
+    return filters.tile_mask(nodes, block[0], tile)
 
 
 @from_python
 def call_tile_edge_mask(edges, block, place, tile, decoded):
-    return search.tile_edge_mask(edges, block[0], place[0], place[1], place[2], place[3], tile, decoded)
+    return filters.tile_edge_mask(edges, block[0], place[0], place[1], place[2], place[3], tile, decoded)
 
 
 @from_python
 def call_packet_mask(packets, block, q, reach):
-    return search.packet_mask(packets, block[0], q, reach)
+    return filters.packet_mask(packets, block[0], q, reach)
 
 
 @from_python
 def call_octahedral_mask(packets, block, q):
-    return search.octahedral_mask(packets, block[0], q)
+    return filters.octahedral_mask(packets, block[0], q)
 
 
 @from_python
 def call_edge_mask(candidates, block, off, q, side):
-    return search.edge_mask(candidates, block[0], off[0], q, side)
+    return filters.edge_mask(candidates, block[0], off[0], q, side, 0)
 
 
 @from_python
 def call_line_mask(candidates, block, off, q):
-    return search.line_mask(candidates, block[0], off[0], q, off[1], off[2])
+    return filters.line_mask(candidates, block[0], off[0], q, off[1], off[2])
 
 
 @from_python
@@ -69,15 +69,15 @@ def call_project(lanes, spans, n, frame, n_lines):
 
 
 TWINS: dict[str, tuple[Callable, Callable]] = {
-    "tile": (call_tile_mask, lambda a, b, t: search.tile_mask.py_func(a, b[0], t)),
+    "tile": (call_tile_mask, lambda a, b, t: filters.tile_mask.py_func(a, b[0], t)),
     "tile edge": (
         call_tile_edge_mask,
-        lambda a, b, p, t, d: search.tile_edge_mask.py_func(a, b[0], *p, t, d),
+        lambda a, b, p, t, d: filters.tile_edge_mask.py_func(a, b[0], *p, t, d),
     ),
-    "packet": (call_packet_mask, lambda a, b, q, r: search.packet_mask.py_func(a, b[0], q, r)),
-    "octahedral": (call_octahedral_mask, lambda a, b, q: search.octahedral_mask.py_func(a, b[0], q)),
-    "edge": (call_edge_mask, lambda a, b, o, q, s: search.edge_mask.py_func(a, b[0], o[0], q, s)),
-    "line": (call_line_mask, lambda a, b, o, q: search.line_mask.py_func(a, b[0], o[0], q, o[1], o[2])),
+    "packet": (call_packet_mask, lambda a, b, q, r: filters.packet_mask.py_func(a, b[0], q, r)),
+    "octahedral": (call_octahedral_mask, lambda a, b, q: filters.octahedral_mask.py_func(a, b[0], q)),
+    "edge": (call_edge_mask, lambda a, b, o, q, s: filters.edge_mask.py_func(a, b[0], o[0], q, s, 0)),
+    "line": (call_line_mask, lambda a, b, o, q: filters.line_mask.py_func(a, b[0], o[0], q, o[1], o[2])),
     "axis": (call_axis_mask, lambda a, b, x: along.axis_mask.py_func(a, b[0], x)),
     "corner": (call_corner_mask, lambda a, b, p, x: along.corner_mask.py_func(a, b[0], *p, x)),
 }
@@ -86,7 +86,7 @@ TWINS: dict[str, tuple[Callable, Callable]] = {
 @pytest.fixture(autouse=True)
 def scalar_helpers(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a scalar twin calls has to be scalar too: private kernels cannot be called from Python."""
-    helpers: list[tuple[ModuleType, str]] = [(search, "rough_azimuth"), (crossings, "azimuth")]
+    helpers: list[tuple[ModuleType, str]] = [(filters, "rough_azimuth"), (crossings, "azimuth")]
     for module, name in helpers:
         monkeypatch.setattr(module, name, getattr(module, name).py_func)
 
@@ -201,7 +201,7 @@ INPUTS: dict[str, Callable[[np.random.Generator], tuple[np.ndarray, ...]]] = {
         FIRST,
         a_place(rng),
         a_tile(rng),
-        np.zeros(search.CANDIDATE_BLOCK, np.float32),
+        np.zeros(filters.CANDIDATE_BLOCK, np.float32),
     ),
     "packet": lambda rng: (some_packets(rng), FIRST, a_point(rng, 16 / (2 * np.pi)), np.zeros(32, np.int32)),
     "octahedral": lambda rng: (some_packets(rng), FIRST, a_point(rng, 8.0)),
@@ -282,7 +282,7 @@ def test_no_number_is_too_nasty_for_a_filter(name: str) -> None:
         if name == "packet":
             # As bound_packets makes them: where it is is no better known than how large it is.
             unknown = ~(np.abs(table[:3]) < 1e18).all(axis=0)
-            table[search.PACKET_RADIUS, unknown] = np.inf
+            table[filters.PACKET_RADIUS, unknown] = np.inf
         all_nan = int(rng.integers(WIDTH))
         table[:, all_nan] = np.nan
         arrays[0][:] = table.ravel()
@@ -414,7 +414,7 @@ def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile(close: bo
             tile[3:6] = tile[9:12] = 0.0
         p, n = -place[:3].astype(np.float64), tile[6:9].astype(np.float64)
         planes, ends, edges = exact_edges(rng, p, n, close)
-        decoded = np.empty(search.CANDIDATE_BLOCK, np.float32)
+        decoded = np.empty(filters.CANDIDATE_BLOCK, np.float32)
         kept = bits(call_tile_edge_mask(edges, FIRST, place, tile, decoded))
         # The tile's centre is the origin of `place`.
         points = within(rng, np.zeros(3), tile[3:6], 60) - place[:3]
@@ -427,7 +427,7 @@ def test_an_edge_is_kept_if_it_is_a_contour_for_some_point_of_the_tile(close: bo
         n_kept += kept.sum()
         # All are handed on, no more wrong than is said: in place, and in distance from any point of the tile.
         table = decoded.reshape(-1, WIDTH).T.astype(np.float64)
-        wrong = table[:, search.WRONG]
+        wrong = table[:, filters.WRONG]
         for k, (plane, vertex) in enumerate(((0, bundles.VERTEX_A), (4, bundles.VERTEX_B))):
             off = table[:, vertex : vertex + 3] - place[:3] - ends[:, k]
             assert (np.linalg.norm(off, axis=1) <= 2 * wrong).all()
