@@ -10,7 +10,7 @@ the median of the rounds counts. What is done once (hierarchies, tables, Sobol s
 before, and hierarchies and tables are listed.
 
 Time that a setting may take is limited (`seconds`): where all points would take longer, some are timed. Of
-silint's, which share work with their neighbours, runs of 1024 neighbours out of all points, spread over the
+silint's, which share work with their neighbours, runs of 128 neighbours out of all points, spread over the
 mesh; of Embree's the first few, in random order or spread over the mesh's vertices. The points whose errors
 count are the first of these, and asked for on their own: a value does not depend on its company. The first
 of silint's methods gets half of the time, and what cheap settings leave goes to expensive ones. A setting is

@@ -47,7 +47,7 @@ _FIRST_SHARE = 0.5
 _SECOND_LOOK = 8
 
 # Neighbours that are timed together.
-_RUN = 1024
+_RUN = 128
 
 # Rays of Embree alone, a setting, and how often; the best counts, in Embree's favour.
 _BARE_RAYS, _BARE_RUNS = 1 << 22, 3

@@ -89,7 +89,6 @@ def decide_contours(
     codes,
     ids,
     sides,
-    n_ids,
     p,
     n,
     rounding,
@@ -104,7 +103,7 @@ def decide_contours(
     ends, offsets, codes
         Of an EdgeBundles.
     ids, sides
-        Edges, and on which side of their faces p is where that is known (search.find_edges).
+        Edges, and on which side of their faces p is where that is known (search.search_tile).
     contours : (capacity, 3) int32, out
         Rows: vertex, vertex, jump; with room for all.
 
@@ -113,7 +112,7 @@ def decide_contours(
     The number of rows, those before included.
     """
     pairs = len(offsets) == 0
-    for i in range(n_ids):
+    for i in range(len(ids)):
         e = ids[i]
         a, b = ends[e, 0], ends[e, 1]
         if height(vertices, a, p, n) <= 0.0 and height(vertices, b, p, n) <= 0.0:

@@ -13,23 +13,12 @@ from numba import njit, prange
 
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
-from silint.core.contour import CROSSINGS, side_rounding
+from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
-from silint.core.filters import CANDIDATE_BLOCK, PACKET_BLOCK
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.radial import set_frame
-from silint.core.search import (
-    N_POINT,
-    N_SIDES,
-    N_TILE,
-    N_WORK,
-    TILE,
-    find_edges,
-    gather_tile,
-    set_point,
-    set_tile,
-)
+from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 from silint.core.zenith import zenith_count
 
 # Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
@@ -115,71 +104,46 @@ def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts,
 
 
 @njit(**INNER)
-def _room(array, size):
-    """The array, or a longer one whose contents are not set."""
-    return array if len(array) >= size else np.empty(2 * size, array.dtype)
-
-
-@njit(**INNER)
 def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first, last, counts, starts, tally):
     """Visible intervals of the points [first, last), tile by tile, in one list."""
     n_lines = len(lines)
     frame = np.empty((3, 3))
-    tile, q, axis = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32), np.empty(N_AXIS, np.float32)
-    narrow = lines.astype(np.float32)
-    stack = np.empty((256, 2), np.int64)
-    candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
-    packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
-    face_ids = np.empty(64, np.int32)
-    reach, work = np.empty(2 * WIDTH, np.int32), np.empty(N_WORK, np.int32)
-    side = np.empty(N_SIDES, np.int32)
-    ids, sides = np.empty(1024, np.int32), np.empty(1024, np.int32)
+    tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
+    q, narrow = np.empty((TILE, N_POINT), np.float32), lines.astype(np.float32)
+    search = new_search(8, 2048)
+    stack, face_ids = np.empty((256, 2), np.int64), np.empty(64, np.int32)
     lanes, spans = np.empty(N_LANE_FIELDS * WIDTH), np.empty(N_SPAN_FIELDS * WIDTH, np.int32)
-    capacity = np.int64(16)  # not a literal, for which everything would be compiled again
+    # Not literals, for which everything would be compiled again.
+    capacity, n_found = np.int64(16), np.int64(0)
     count = np.empty(n_lines, np.int32)
     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
     found = np.empty((4 * TILE * n_lines, 2))
-    n_found = 0
-    begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
-        # What may matter to some point of the tile.
         set_tile(points, normals, tile_first, tile_last, tile)
-        candidates, packets, edge_ids = gather_tile(
-            trees, tile, stack, begin, end, candidates, packets, edge_ids
+        for i in range(tile_first, tile_last):
+            p = points[i, 0], points[i, 1], points[i, 2]
+            n = normals[i, 0], normals[i, 1], normals[i, 2]
+            set_frame(n, frame)
+            across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
+            set_point(p, n, across, over, n_lines / (2.0 * np.pi), tile, q[i - tile_first])
+        search = search_tile(
+            search, trees, tile, q[: tile_last - tile_first], narrow, tally[tile_first:tile_last]
         )
-        centre = tile[0], tile[1], tile[2]
-        if len(ids) < len(edge_ids):
-            ids, sides = np.empty(len(edge_ids), np.int32), np.empty(len(edge_ids), np.int32)
 
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
             set_frame(n, frame)
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
-            set_point(p, n, across, over, n_lines / (2.0 * np.pi), centre, q)
             rounding = side_rounding(p)
+            ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
             for k in range(n_lines):
                 count[k] = 0
             which = 0
             while which < 2:
                 tree = trees[which]
-                n_ids = find_edges(
-                    packets,
-                    candidates,
-                    edge_ids,
-                    begin[which],
-                    end[which],
-                    q,
-                    reach,
-                    work,
-                    side,
-                    narrow,
-                    ids,
-                    sides,
-                    tally[i],
-                )
                 fits = cross_edges(
                     geometry.vertices,
                     geometry.planes,
@@ -189,8 +153,8 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
                     tree.codes,
                     ids,
                     sides,
-                    0,
-                    n_ids,
+                    ends[i - tile_first, which],
+                    ends[i - tile_first, which + 1],
                     p,
                     n,
                     frame,
@@ -210,8 +174,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
                     # Once more, with more room.
                     capacity *= 2
                     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
-                    for j in range(tally.shape[1]):
-                        tally[i, j] = 0
+                    tally[i, CONTOURS], tally[i, SNAPPED] = 0, 0
                     for k in range(n_lines):
                         count[k] = 0
                     which = 0

@@ -15,10 +15,8 @@ from numba import njit, prange
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import grow, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, side_rounding
-from silint.core.filters import CANDIDATE_BLOCK, PACKET_BLOCK
 from silint.core.isolines import horizon_reach, start_corner, to_loop
 from silint.core.jit import INNER, PARALLEL
-from silint.core.lanes import WIDTH
 from silint.core.octahedral import (
     CROSSED,
     DEPTH,
@@ -34,17 +32,7 @@ from silint.core.octahedral import (
     cross_edges,
     pole_count,
 )
-from silint.core.search import (
-    N_POINT,
-    N_SIDES,
-    N_TILE,
-    N_WORK,
-    TILE,
-    find_edges,
-    gather_tile,
-    set_point,
-    set_tile,
-)
+from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 
 # Negative W over less than this (of a quarter loop) is rounding: two crossings in the wrong order.
 NEGATIVE_LENGTH = 1e-9
@@ -163,13 +151,9 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
     reach = np.empty((2, n_lines))
     ledger = np.empty((N_ROWS, n_lines + 1), np.int32)
     offsets = np.empty(n_lines + 1, np.int64)
-    tile, q, axis = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32), np.empty(N_AXIS, np.float32)
+    tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
+    q, no_lines = np.empty((TILE, N_POINT), np.float32), np.empty((0, 2), np.float32)
     stack = np.empty((256, 2), np.int64)
-    candidates = np.empty(8 * WIDTH * CANDIDATE_BLOCK, np.float32)
-    packets, edge_ids = np.zeros(8 * PACKET_BLOCK, np.float32), np.empty(8 * WIDTH * WIDTH, np.int32)
-    begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    packet_reach, work = np.empty(2 * WIDTH, np.int32), np.empty(N_WORK, np.int32)
-    side, no_lines = np.empty(N_SIDES, np.int32), np.empty((0, 2), np.float32)
     face_ids = np.empty(64, np.int32)
     capacity = 8 * n_lines
     line, position, gain = np.empty(capacity, np.int32), np.empty(capacity), np.empty(capacity, np.int32)
@@ -177,12 +161,17 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
     found = np.empty((8 * n_lines, 2))
     n_found = 0
 
-    # What may matter to some point of the tile.
     set_tile(points, normals, first, last, tile)
-    candidates, packets, edge_ids = gather_tile(trees, tile, stack, begin, end, candidates, packets, edge_ids)
-    centre = tile[0], tile[1], tile[2]
-    ids, sides = np.empty(len(edge_ids), np.int32), np.empty(len(edge_ids), np.int32)
-    contours = np.empty((len(edge_ids), 3), np.int32)
+    for i in range(first, last):
+        p = points[i, 0], points[i, 1], points[i, 2]
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
+        up_axis, side_axis = _axes(start_corner(n))
+        set_point(p, n, up_axis, side_axis, 0.5 * n_lines, tile, q[i - first])
+    search = search_tile(new_search(8, 2048), trees, tile, q[: last - first], no_lines, tally[first:last])
+    most = 0
+    for i in range(last - first):
+        most = max(most, search.ends[i, 2])
+    contours = np.empty((most, 3), np.int32)
 
     for i in range(first, last):
         p = points[i, 0], points[i, 1], points[i, 2]
@@ -190,28 +179,12 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
         corner = start_corner(n)
         _reset(reach, ledger, n, corner)
 
-        # Find the contour edges and cross them with the isolines.
-        up_axis, side_axis = _axes(corner)
-        set_point(p, n, up_axis, side_axis, 0.5 * n_lines, centre, q)
+        # Cross the contour edges with the isolines.
         rounding = side_rounding(p)
         n_contours = 0
         for which in range(2):
             tree = trees[which]
-            n_ids = find_edges(
-                packets,
-                candidates,
-                edge_ids,
-                begin[which],
-                end[which],
-                q,
-                packet_reach,
-                work,
-                side,
-                no_lines,
-                ids,
-                sides,
-                tally[i],
-            )
+            begin, end = search.ends[i - first, which], search.ends[i - first, which + 1]
             n_contours = decide_contours(
                 geometry.vertices,
                 geometry.planes,
@@ -219,9 +192,8 @@ def _sweep_tile(geometry, trees, faces, points, normals, first, last, counts, ta
                 tree.ends,
                 tree.offsets,
                 tree.codes,
-                ids,
-                sides,
-                n_ids,
+                search.ids[i - first, begin:end],
+                search.sides[i - first, begin:end],
                 p,
                 n,
                 rounding,

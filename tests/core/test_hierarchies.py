@@ -19,23 +19,12 @@ from silint.core.contour import EDGES, N_TALLY, NODES, decide_contours, side_rou
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS
 from silint.core.crossings import cross_edges as cross_radial_lines
 from silint.core.face_bundles import build_face_bundles
-from silint.core.filters import CANDIDATE_BLOCK, PACKET_BLOCK
 from silint.core.isolines import horizon_reach, start_corner
 from silint.core.lanes import WIDTH
 from silint.core.octahedral import N_ROWS, cross_edges
 from silint.core.partition import aligned_order, level_blocks
 from silint.core.radial import line_table, normal_table, set_frame
-from silint.core.search import (
-    N_POINT,
-    N_SIDES,
-    N_TILE,
-    N_WORK,
-    TILE,
-    find_edges,
-    gather_tile,
-    set_point,
-    set_tile,
-)
+from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 from silint.core.sweep import _axes
 from silint.core.topology import ULP, Topology, build_topology, edges_of
 from silint.reference import brute_force
@@ -317,38 +306,24 @@ def search(
 
     Room for few candidates only: the search has to stop, grow and go on.
     """
-    tile, q = np.empty(N_TILE, np.float32), np.empty(N_POINT, np.float32)
-    stack = np.empty((256, 2), np.int64)
-    candidates, packets = np.empty(WIDTH * CANDIDATE_BLOCK, np.float32), np.zeros(PACKET_BLOCK, np.float32)
-    edge_ids = np.empty(WIDTH * WIDTH, np.int32)
-    begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    reach, work = np.empty(2 * WIDTH, np.int32), np.empty(N_WORK, np.int32)
-    side = np.empty(N_SIDES, np.int32)
+    tile, q = np.empty(N_TILE, np.float32), np.empty((len(points), N_POINT), np.float32)
     set_tile(points, normals, 0, len(points), tile)
-    candidates, packets, edge_ids = gather_tile(trees, tile, stack, begin, end, candidates, packets, edge_ids)
     for i in range(len(points)):
         p = points[i, 0], points[i, 1], points[i, 2]
         n = normals[i, 0], normals[i, 1], normals[i, 2]
         t, m = (across[i, 0], across[i, 1], across[i, 2]), (over[i, 0], over[i, 1], over[i, 2])
-        set_point(p, n, t, m, per_radian, (tile[0], tile[1], tile[2]), q)
+        set_point(p, n, t, m, per_radian, tile, q[i])
+    found = search_tile(new_search(1, 1024), trees, tile, q, lines, tally)
+    for i in range(len(points)):
+        p = points[i, 0], points[i, 1], points[i, 2]
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
         n_rows = 0
         for which in range(2):
             tree = trees[which]
-            counts[i, which] = find_edges(
-                packets,
-                candidates,
-                edge_ids,
-                begin[which],
-                end[which],
-                q,
-                reach,
-                work,
-                side,
-                lines,
-                ids[i, which],
-                sides[i, which],
-                tally[i],
-            )
+            first, last = found.ends[i, which], found.ends[i, which + 1]
+            counts[i, which] = last - first
+            ids[i, which, : last - first] = found.ids[i, first:last]
+            sides[i, which, : last - first] = found.sides[i, first:last]
             n_rows = decide_contours(
                 geometry.vertices,
                 geometry.planes,
@@ -356,9 +331,8 @@ def search(
                 tree.ends,
                 tree.offsets,
                 tree.codes,
-                ids[i, which],
-                sides[i, which],
-                counts[i, which],
+                found.ids[i, first:last],
+                found.sides[i, first:last],
                 p,
                 n,
                 side_rounding(p),
