@@ -404,7 +404,7 @@ def test_files(tmp_path: Path) -> None:
     expected = Environment.from_array(env.texel_radiance, up="z", rotate=30.0)
     np.testing.assert_array_equal(env.rotation, expected.rotation)
     Image.fromarray(rgbe[..., :3]).save(tmp_path / "sky.png")
-    with pytest.warns(UserWarning, match="8-bit images end at white"):
+    with pytest.warns(UserWarning, match="images of this kind end at white"):
         env = Environment.from_file(str(tmp_path / "sky.png"))
     assert env.texel_radiance.max() <= 1
 

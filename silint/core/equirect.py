@@ -20,6 +20,9 @@ from silint.core.jit import INNER, KERNEL, PARALLEL
 # Texels that straddle a horizon are split so many times each way for irradiance.
 _STRADDLING_PARTS = 16
 
+# So that a band of rows takes a fraction of a second, and can be interrupted.
+_NORMALS_AT_ONCE = 1024
+
 
 @njit(**KERNEL)
 def row_moments(theta, h):
@@ -70,7 +73,9 @@ def irradiance(radiance: np.ndarray, normals: np.ndarray) -> np.ndarray:
     height = len(radiance)
     out = np.zeros((len(normals), radiance.shape[2]))
     for first, band in bands(radiance):
-        _add_irradiance(band, first, height, normals, out)
+        for i in range(0, len(normals), _NORMALS_AT_ONCE):
+            piece = slice(i, i + _NORMALS_AT_ONCE)
+            _add_irradiance(band, first, height, normals[piece], out[piece])
     return out
 
 

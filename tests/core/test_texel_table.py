@@ -209,6 +209,15 @@ def test_a_sun_hides_nothing() -> None:
     )
 
 
+@pytest.mark.nojit
+def test_prefix_sums_are_compensated() -> None:
+    """What a large cell swallows comes out again when it is gone: plain sums would lose every 1."""
+    values = np.zeros((1, 12, 1))
+    values[0, 1:, 0] = [1.0, 1e17, *[1.0] * 7, -1e17, 1.0]
+    texel_table._accumulate(values)
+    np.testing.assert_array_equal(values[0, [0, 1, -2, -1], 0], [0, 1, 8, 9])
+
+
 def test_steps_are_linear_between_knots() -> None:
     rng = np.random.default_rng(8)
     m, n_lines = 4, 3
