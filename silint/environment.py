@@ -28,6 +28,7 @@ from silint.validation import (
     colour,
     finite_number,
     normals_array,
+    points_array,
     positive_int,
     positive_number,
     rotation_about,
@@ -248,10 +249,11 @@ class Environment:
         sun_irradiance : number or three
             Of the sun alone on a surface that faces it. 0 leaves the sun out: the sky is brightest about it
             all the same. In the unit of `zenith` times sr; for scale, 90,000 lx of sun go with a zenith of
-            2,000 to 5,000 cd/m^2, 20 to 45 times as much.
+            2,000 to 4,500 cd/m^2, 20 to 45 times as much.
         sun_radius : float
             Angular radius of the disc in degrees, at most 45. It is drawn into texels of 180 / height
-            degrees, those at its rim in part, and keeps its irradiance whatever their size.
+            degrees, those at its rim in part, and keeps its irradiance whatever their size. On the
+            horizon it is drawn whole.
         ground_albedo, up, height
             As for `cie_overcast`; the sun lights the ground too.
 
@@ -305,18 +307,16 @@ class Environment:
 
     def radiance(self, directions: npt.ArrayLike) -> FloatArray:
         """Radiance of the texels that directions (m, 3) of any length lie in: (m, 3)."""
-        rows = np.shape(directions)[0] if np.ndim(directions) else 0
-        w = normals_array(directions, rows, "directions")
-        row, column = equirect.texel_of(w @ self.rotation, len(self.texel_radiance))
+        w = self._in_map(_unit_rows(directions, "directions"))
+        row, column = equirect.texel_of(w, len(self.texel_radiance))
         return self._three(self.texel_radiance[row, column].astype(np.float64))
 
     def irradiance(self, normals: npt.ArrayLike) -> FloatArray:
         """int L max(n.w, 0) dw without occluders, by a sum over all texels: normals (n, 3) -> (n, 3)."""
-        rows = np.shape(normals)[0] if np.ndim(normals) else 0
-        n = normals_array(normals, rows, "normals")
+        n = _unit_rows(normals, "normals")
         if self.is_constant:
-            return self._three(np.tile(np.pi * self._first, (rows, 1)))
-        return self._three(equirect.irradiance(self.texel_radiance, np.ascontiguousarray(n @ self.rotation)))
+            return self._three(np.tile(np.pi * self._first, (len(n), 1)))
+        return self._three(equirect.irradiance(self.texel_radiance, self._in_map(n)))
 
     def total(self) -> FloatArray:
         """int L dw over the sphere: (3,)."""
@@ -360,9 +360,22 @@ class Environment:
     def _first(self) -> FloatArray:
         return cast(FloatArray, self.texel_radiance[0, 0].astype(np.float64))
 
+    def _in_map(self, w: FloatArray) -> FloatArray:
+        """Directions (m, 3) in the frame of the map.
+
+        Not by a matrix product, whose rounding may depend on m.
+        """
+        r = self.rotation
+        return np.asarray(w[:, :1] * r[0] + w[:, 1:2] * r[1] + w[:, 2:] * r[2])
+
     def _three(self, values: FloatArray) -> FloatArray:
         """Channels (..., C) as red, green and blue (..., 3)."""
         return np.repeat(values, 3, axis=-1) if values.shape[-1] == 1 else values
+
+
+def _unit_rows(rows: npt.ArrayLike, name: str) -> FloatArray:
+    points, _ = points_array(rows, name)
+    return normals_array(points, len(points), name)
 
 
 def _from_texels(data: npt.ArrayLike, rotation: FloatArray, name: str, argument: str) -> Environment:

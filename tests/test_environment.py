@@ -118,6 +118,15 @@ def test_rotations(seed: int) -> None:
     np.testing.assert_allclose(back.rotation, np.eye(3), atol=1e-14)
 
 
+def test_values_do_not_depend_on_company() -> None:
+    env = Environment.from_array(random_map(4), up="z", rotate=20.0)
+    n = units(33, 8)
+    for integral in (env.irradiance, env.radiance):
+        together = integral(n)
+        np.testing.assert_array_equal(np.concatenate([integral(n[i : i + 1]) for i in range(33)]), together)
+        np.testing.assert_array_equal(integral(n[::-1]), together[::-1])
+
+
 def test_rotated_about_an_axis() -> None:
     env = Environment.from_array(random_map())
     axis = np.array([1.0, 2.0, -0.5])
@@ -496,6 +505,7 @@ MAP = Environment.from_array(np.ones((2, 4)) + np.arange(4))
         (lambda: MAP.radiance([1, 0, 0]), r"directions has shape \(3,\); expected \(n, 3\)"),
         (lambda: MAP.radiance([[0, 0, 0]]), "directions must not be zero; row 0"),
         (lambda: MAP.radiance(3), "directions has shape"),
+        (lambda: MAP.radiance([[1], [2, 3]]), "directions is not a rectangular array"),
         (lambda: MAP.irradiance([[np.nan, 0, 0]]), "normals must be finite"),
         (lambda: MAP.irradiance(np.ones((2, 2))), "normals has shape .2, 2."),
         (lambda: MAP.moment_table(0), "isolines is 0"),

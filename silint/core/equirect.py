@@ -12,6 +12,8 @@ with (theta, phi) its centre, h its height and d its width in radians.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numba import njit, prange
 
@@ -79,13 +81,11 @@ def irradiance(radiance: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return out
 
 
-def bands(radiance: np.ndarray, texels: int = 1 << 16) -> list[tuple[int, np.ndarray]]:
-    """First row and radiance, as contiguous float64, of bands of rows with about so many texels each."""
+def bands(radiance: np.ndarray, texels: int = 1 << 16) -> Iterator[tuple[int, np.ndarray]]:
+    """First row and radiance, as a copy in float64, of bands of rows with about so many texels each."""
     step = max(1, texels // radiance.shape[1])
-    return [
-        (first, np.ascontiguousarray(radiance[first : first + step], dtype=np.float64))
-        for first in range(0, len(radiance), step)
-    ]
+    for first in range(0, len(radiance), step):
+        yield first, np.array(radiance[first : first + step], dtype=np.float64, order="C")
 
 
 @njit(**PARALLEL)

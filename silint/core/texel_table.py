@@ -64,10 +64,12 @@ def build_texel_table(
     values = np.zeros((isolines, 4 * m + 1, 3 * n_channels))
     theta = np.pi * (np.arange(height) + 0.5) / height
     # All light, but for the factors that all texels share.
-    total = float(np.sin(theta) @ radiance.sum(axis=(1, 2), dtype=np.float64))
+    total = float((np.sin(theta) * radiance.sum(axis=(1, 2), dtype=np.float64)).sum())
+    rotation = np.array(rotation, order="C")  # one layout, and writable, for all
     for first, band in bands(radiance, 1 << 14):
         _scatter_rows(band, first, height, total, rotation, m, values)
     _accumulate(values)
+    values.setflags(write=False)
     return TexelTable(values, m)
 
 

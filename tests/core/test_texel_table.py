@@ -223,6 +223,7 @@ def test_steps_are_linear_between_knots() -> None:
     m, n_lines = 4, 3
     values = np.zeros((n_lines, 4 * m + 1, 2))
     values[:, 1:] = np.cumsum(rng.random((n_lines, 4 * m, 2)), axis=1)
+    values.setflags(write=False)
     start = rng.random(50) * 4
     end = start + 4 * rng.random(50)
     lines = rng.integers(0, n_lines, 50)

@@ -44,7 +44,6 @@ def constant_light(radiance: np.ndarray, isolines: int) -> LightTable:
 def texel_light(radiance: np.ndarray, rotation: np.ndarray, isolines: int) -> LightTable:
     """Light of a map (H, 2 H, C) whose frame is turned by `rotation` to that of the isolines."""
     table = build_texel_table(radiance, rotation, isolines)
-    table.values.setflags(write=False)
     return LightTable("texels", table, np.ones(radiance.shape[2]), isolines)
 
 
