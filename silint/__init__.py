@@ -14,6 +14,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from silint import reference as reference
     from silint.core.prefix_table import PrefixTable as PrefixTable
+    from silint.environment import Environment as Environment
     from silint.integrator import SilhouetteIntegrator as SilhouetteIntegrator
     from silint.integrator import ambient_occlusion as ambient_occlusion
     from silint.plan import Plan as Plan
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 # Numba takes most of a second to import: only what is used is loaded, when it is used.
 _HOME = {
+    "Environment": "environment",
     "InputError": "validation",
     "Plan": "plan",
     "PrefixTable": "core.prefix_table",

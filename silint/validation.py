@@ -7,6 +7,7 @@ command line can print it as it stands.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -16,12 +17,16 @@ import numpy.typing as npt
 __all__ = [
     "InputError",
     "choice",
+    "colour",
+    "finite_number",
     "mesh_arrays",
     "normal_rows",
     "normals_array",
     "points_array",
     "positive_int",
     "positive_number",
+    "rotation_about",
+    "rotation_matrix",
     "unit_vector",
 ]
 
@@ -32,6 +37,9 @@ IntArray = npt.NDArray[np.int32]
 # traversal, so both 3 F and V must stay below 2^31.
 MAX_VERTICES = 2**31 - 1
 MAX_FACES = (2**31 - 1) // 3
+
+# How far from a rotation a matrix may be: what rounding to float32 and chains of products leave.
+_ROTATION_ERROR = 1e-5
 
 # How many offending rows a message lists before it says "...".
 _ROWS_SHOWN = 5
@@ -248,6 +256,72 @@ def positive_number(value: Any, name: str) -> float:
     if isinstance(value, bool) or not 0.0 < number < float("inf"):
         raise InputError(f"{name} is {_short(value)}; expected a finite number above 0")
     return number
+
+
+def finite_number(value: Any, name: str) -> float:
+    """A finite number, or one line that says what it was."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if isinstance(value, bool) or not math.isfinite(number):
+        raise InputError(f"{name} is {_short(value)}; expected a finite number")
+    return number
+
+
+def colour(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Red, green and blue (3,), finite and not negative, from one number or three."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        array = np.empty(0)
+    if array.shape not in ((), (1,), (3,)) or not (np.isfinite(array) & (array >= 0.0)).all():
+        raise InputError(f"{name} is {_short(value)}; expected one number or three, finite, none below 0")
+    return np.array(np.broadcast_to(array, (3,)))
+
+
+def rotation_matrix(value: Any, name: str) -> FloatArray:
+    """A rotation from its matrix, or from a tuple (axis, degrees).
+
+    Parameters
+    ----------
+    value : (3, 3) array_like, or tuple of (3,) array_like and float
+        A matrix may be off by the rounding of float32: the nearest rotation is taken.
+    name : str
+        What error messages call the argument.
+
+    Returns
+    -------
+    ndarray of float64, shape (3, 3)
+
+    Raises
+    ------
+    InputError
+        Another shape, not orthonormal, or a reflection.
+    """
+    if isinstance(value, tuple) and len(value) == 2:
+        return rotation_about(unit_vector(value[0], f"{name} axis"), finite_number(value[1], f"{name} angle"))
+    expected = "a (3, 3) matrix, or (axis, degrees)"
+    array = _numeric(value, name, expected)
+    if array.shape != (3, 3):
+        raise InputError(f"{name} has shape {array.shape}; expected {expected}")
+    matrix = _as_float64(array)
+    if not np.isfinite(matrix).all() or np.abs(matrix @ matrix.T - np.eye(3)).max() > _ROTATION_ERROR:
+        raise InputError(f"{name} is not orthonormal; expected the matrix of a rotation")
+    if np.linalg.det(matrix) < 0.0:
+        raise InputError(f"{name} is a reflection, of determinant -1; expected the matrix of a rotation")
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
+
+
+def rotation_about(axis: FloatArray, degrees: float) -> FloatArray:
+    """Matrix (3, 3) of a turn counter-clockwise about a unit axis [Rodrigues]; exact for quarter turns."""
+    s, c = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    if degrees % 90.0 == 0.0:
+        s, c = float(round(s)), float(round(c))
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return c * np.eye(3) + s * cross + (1.0 - c) * np.outer(axis, axis)
 
 
 def choice(value: Any, name: str, allowed: Sequence[str]) -> str:

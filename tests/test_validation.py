@@ -10,10 +10,14 @@ from hypothesis import strategies as st
 from silint.validation import (
     InputError,
     choice,
+    colour,
+    finite_number,
     mesh_arrays,
     normals_array,
     points_array,
     positive_int,
+    rotation_about,
+    rotation_matrix,
     unit_vector,
 )
 
@@ -207,6 +211,49 @@ def test_choice():
     )
     for bad in (None, 3, ["auto"], np.array("auto"), "x" * 1000, "a\nb"):
         assert len(refusal(choice, bad, "method", ("auto", "exact"))) < 150
+
+
+def test_finite_number():
+    assert finite_number("1e3", "rotate") == finite_number(np.float32(1000), "rotate") == 1000.0
+    for bad in (None, "north", np.nan, -np.inf, True, [1, 2]):
+        assert refusal(finite_number, bad, "rotate").startswith("rotate is ")
+
+
+def test_colour():
+    for value in (2, [2.0], np.float32([2, 2, 2])):
+        found = colour(value, "zenith")
+        assert found.dtype == np.float64 and found.tolist() == [2.0, 2.0, 2.0]
+    for bad in (-1, [1, 2], [[1, 2, 3]], [1, np.nan, 1], np.inf, None, "red", [[1], [2, 3]]):
+        assert "zenith is" in refusal(colour, bad, "zenith")
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_rotations_turn_counter_clockwise(axis):
+    e = np.eye(3)
+    quarter = rotation_about(e[axis], 90.0)
+    np.testing.assert_array_equal(quarter @ e[(axis + 1) % 3], e[(axis + 2) % 3])
+    np.testing.assert_array_equal(rotation_about(e[axis], -90.0), quarter.T)
+    np.testing.assert_array_equal(rotation_about(e[axis], 720.0), e)
+    third = rotation_about(e[axis], 30.0)
+    np.testing.assert_allclose(third @ third @ third, quarter, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(rotation_matrix((3.0 * e[axis], 30.0), "turn"), third)
+    np.testing.assert_allclose(rotation_matrix(third.astype(np.float32), "turn"), third, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (np.ones((3, 4)), "turn has shape (3, 4); expected a (3, 3) matrix, or (axis, degrees)"),
+        (np.ones((3, 3)), "turn is not orthonormal"),
+        (np.full((3, 3), np.inf), "turn is not orthonormal"),
+        (-np.eye(3), "turn is a reflection"),
+        ([[1], [2, 3]], "turn is not a rectangular array"),
+        (((0, 0), 30.0), "turn axis has shape (2,)"),
+        (((0, 0, 1), "far"), "turn angle is 'far'"),
+    ],
+)
+def test_what_is_no_rotation_is_refused(given, told):
+    assert refusal(rotation_matrix, given, "turn").startswith(told)
 
 
 def test_an_input_error_is_a_value_error():

@@ -18,6 +18,12 @@ Octahedral map
     octant; dw = (1 - |u|) du dv / r^3 with r = |(u, y, z)|.
     K isolines lie at u_k = -1 + (2k + 1) / K; strip k is the band of width 2 / K around isoline k.
 
+Equirectangular map
+    H rows of 2 H texels, the top row first. A direction lies at u = 1/2 + atan2(z, x) / (2 pi) to the right
+    and v = acos(y) / pi downwards, both in [0, 1]: +y is up, the middle of the map is +x, a quarter of its
+    width further right +z. Texel (r, c) is the rectangle [c, c + 1] / 2H x [r, r + 1] / H and has one
+    radiance, linear, with Rec. 709 primaries.
+
 Units
     Topology and hierarchies hold the scene multiplied by a power of two, so that its largest
     coordinate lies in [0.5, 1). That product is exact, and results do not depend on the unit.
@@ -25,6 +31,10 @@ Units
 Sources
     NBMJ14  Nowrouzezahrai, Baran, Mitchell, Jarosz 2014, Visibility Silhouettes for Semi-Analytic
             Spherical Integration.
+    CIES011 CIE S 011/E:2003 (ISO 15469:2004), Spatial Distribution of Daylight: CIE Standard General Sky.
+    MS42    Moon, Spencer 1942, Illumination from a Non-Uniform Sky.
+    Neu74   Neumaier 1974, Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen.
+    Ward91  Ward 1991, Real Pixels (Graphics Gems II).
     HZ00    Hertzmann, Zorin 2000, Illustrating Smooth Surfaces (contours in dual space).
     PH03    Praun, Hoppe 2003, Spherical Parametrization and Remeshing (octahedral map).
     Lam60   Lambert 1760, Photometria (vector irradiance of a polygon).

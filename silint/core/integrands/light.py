@@ -1,0 +1,73 @@
+"""Light through visible intervals: the tables behind irradiance from an environment.
+
+The integral of L w dw does not depend on the normal (the horizon is part of visibility [NBMJ14 4]), so one
+table serves every shade point; its product with n is irradiance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from silint.core.integrands.moments import moment_table
+from silint.core.prefix_table import PrefixTable, integrate_intervals
+from silint.core.texel_table import TexelTable, build_texel_table, integrate_steps
+
+
+class LightTable(NamedTuple):
+    """Prefix sums of the first moments of light along K isolines."""
+
+    kind: str
+    """"constant": moments of the direction, to be multiplied with `radiance`; "texels": with L inside."""
+    table: PrefixTable | TexelTable
+    """Of 3 columns (x, y, z) if constant, else of 3 C: column 3 c + axis belongs to channel c."""
+    radiance: np.ndarray
+    """(C,) float64: the radiance of a constant environment; ones for texels."""
+    isolines: int
+    """K."""
+
+    @property
+    def channels(self) -> int:
+        """C."""
+        return len(self.radiance)
+
+
+def constant_light(radiance: np.ndarray, isolines: int) -> LightTable:
+    """Light of one radiance (C,) from everywhere: the smooth table that ambient occlusion is summed with.
+
+    Irradiance is then pi L times the ambient occlusion of the same isolines.
+    """
+    return LightTable("constant", moment_table(1, isolines), radiance, isolines)
+
+
+def texel_light(radiance: np.ndarray, rotation: np.ndarray, isolines: int) -> LightTable:
+    """Light of a map (H, 2 H, C) whose frame is turned by `rotation` to that of the isolines."""
+    table = build_texel_table(radiance, rotation, isolines)
+    return LightTable("texels", table, np.ones(radiance.shape[2]), isolines)
+
+
+def vector_irradiance(light: LightTable, offsets: np.ndarray, intervals: np.ndarray) -> np.ndarray:
+    """int L w dw over intervals, even and odd isolines apart.
+
+    Parameters
+    ----------
+    light : LightTable
+    offsets : (n K + 1,) int64
+        Where the intervals of each isoline of each point begin.
+    intervals : (m, 2) float64
+        Start in [0, 4) and end, at most 4 further on, in the loop coordinate.
+
+    Returns
+    -------
+    (n, 2, C, 3) float64
+        Its product with n, summed over the halves, is irradiance where the intervals end at the horizon.
+    """
+    table = light.table
+    if isinstance(table, PrefixTable):
+        moments = integrate_intervals(
+            table.values, table.nodes_per_quarter, offsets, intervals, light.isolines
+        )
+        return moments[:, :, None, :] * light.radiance[:, None]
+    moments = integrate_steps(table.values, table.cells_per_quarter, offsets, intervals, light.isolines)
+    return moments.reshape(len(moments), 2, light.channels, 3)
