@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from silint.core import sh_rotation
 from silint.core.sh import degrees, harmonics, hemisphere_zonal, sphere_rule
-from silint.core.sh_rotation import exchange, rotate_many
 from silint.validation import InputError, choice, normals_array, points_array, positive_int, positive_number
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "project",
     "project_samples",
     "rotate",
+    "rotation_blocks",
     "window",
 ]
 
@@ -156,8 +157,26 @@ def rotate(coefficients: npt.ArrayLike, rotation: npt.ArrayLike, axis: int = -1)
     """
     moved, degree = _last(coefficients, axis)
     rows = moved.reshape(-1, moved.shape[-1]).copy()
-    rotate_many(_rotation(rotation), degree + 1, *exchange(degree), rows)
+    sh_rotation.rotate_many(_rotation(rotation), degree + 1, *sh_rotation.exchange(degree), rows)
     return np.moveaxis(rows.reshape(moved.shape), -1, axis)
+
+
+def rotation_blocks(rotation: npt.ArrayLike, max_degree: int) -> list[FloatArray]:
+    """What `rotate` does, as matrices: a rotation mixes only coefficients of one degree.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (3, 3)
+        As for `rotate`.
+    max_degree : int
+        L, 0 to 16.
+
+    Returns
+    -------
+    list of (2 l + 1, 2 l + 1) float64, for l = 0 .. L
+        Orthogonal; the new coefficients of a degree are its matrix times the old ones.
+    """
+    return sh_rotation.rotation_blocks(_rotation(rotation), _degree(max_degree))
 
 
 def convolve(coefficients: npt.ArrayLike, zonal: npt.ArrayLike, axis: int = -1) -> FloatArray:
@@ -316,6 +335,4 @@ def _rotation(rotation: npt.ArrayLike) -> FloatArray:
         raise InputError(f"rotation is not orthonormal: R R^T differs from the identity by {off:.1g}")
     if np.linalg.det(r) < 0.0:
         raise InputError("rotation has determinant -1, a reflection; expected a rotation, determinant +1")
-    # The nearest matrix that is orthonormal to rounding.
-    left, _, right = np.linalg.svd(r)
-    return np.ascontiguousarray(left @ right)
+    return np.ascontiguousarray(r)

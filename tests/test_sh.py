@@ -90,11 +90,17 @@ def test_rotate_is_projecting_the_rotated_function(max_degree: int) -> None:
     np.testing.assert_allclose(turned, sh.evaluate(w @ R.T, max_degree), rtol=0, atol=ROUNDING)
 
 
+def test_rotation_blocks_are_what_rotate_does() -> None:
+    x = some(5)
+    found = [block @ x[d**2 : (d + 1) ** 2] for d, block in enumerate(sh.rotation_blocks(R, 5))]
+    np.testing.assert_allclose(np.concatenate(found), sh.rotate(x, R), rtol=0, atol=1e-14)
+
+
 def test_a_rotation_kept_in_float32_will_do() -> None:
     x = some(8)
     found = sh.rotate(x, R.astype(np.float32))
     np.testing.assert_allclose(found, sh.rotate(x, R), rtol=0, atol=1e-5)
-    # It is made orthonormal first: nothing is gained or lost.
+    # Its angles are taken, which make a rotation: nothing is gained or lost.
     assert np.isclose(np.linalg.norm(found), np.linalg.norm(x), rtol=1e-13)
 
 
@@ -192,6 +198,8 @@ def test_what_is_refused() -> None:
     assert "rotation has shape (2, 2)" in refusal(sh.rotate, np.zeros(9), np.eye(2))
     assert "not orthonormal" in refusal(sh.rotate, np.zeros(9), 1.001 * np.eye(3))
     assert "reflection" in refusal(sh.rotate, np.zeros(9), np.diag([1.0, 1.0, -1.0]))
+    assert "rotation has shape (3,)" in refusal(sh.rotation_blocks, [0, 0, 1], 2)
+    assert "max_degree is 17" in refusal(sh.rotation_blocks, R, 17)
     assert "zonal has shape (2,)" in refusal(sh.convolve, np.zeros(9), [1.0, 2.0])
     assert "kind is 'box'" in refusal(sh.window, np.zeros(9), "box", 2)
     assert "width is 0" in refusal(sh.window, np.zeros(9), "lanczos", 0)

@@ -47,6 +47,7 @@ def test_an_end_is_the_integral_from_the_zenith(y: float, max_degree: int) -> No
         np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("max_degree", [0, 1, 5, 17])
 def test_a_packet_is_its_ends(max_degree: int) -> None:
     rng = np.random.default_rng(0)
@@ -270,6 +271,7 @@ def test_tables_are_kept_within_memory() -> None:
             assert most & (most - 1) == 0 and most >= 128
 
 
+@pytest.mark.nojit
 def test_frames_turn_harmonics_as_they_turn_directions() -> None:
     """What the radial kernel does last: rows of the frame are its axes in the world."""
     normal = units(1, 8)[0]
