@@ -236,7 +236,9 @@ def _transfer(groups, terms, normal, out):
         if len(terms.offsets) > 0:
             contract(terms.offsets, terms.columns, terms.axes, terms.weights, normal, groups[g], out[g])
         else:
-            out[g] = groups[g]
+            # An array assignment would compile its error message too: 2 s.
+            for j in range(n_coefficients):
+                out[g, j] = groups[g, j]
         for j in range(n_coefficients):
             out[GROUPS, j] += out[g, j]
 
@@ -300,7 +302,8 @@ def radial_transfer(lines, opened, table, terms, normal, turn, visible, value, e
             for j in range(n_coefficients):
                 transfer[GROUPS, j] += share * opened.missed[GROUPS, j]
             estimate[i] = ERROR_OF_SPREAD * np.sqrt(_spread(transfer, opened) / GROUPS)
-            value[i] = transfer[GROUPS]
+            for j in range(n_coefficients):
+                value[i, j] = transfer[GROUPS, j]
             set_frame((visible.normals[i, 0], visible.normals[i, 1], visible.normals[i, 2]), frame)
             # The rows of the frame are what its axes are in the world.
             rotate(frame.T, n_degrees, turn.offsets, turn.columns, turn.weights, value[i], other)
