@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from silint import reference as reference
+    from silint import sh as sh
     from silint.core.prefix_table import PrefixTable as PrefixTable
     from silint.environment import Environment as Environment
     from silint.integrator import SilhouetteIntegrator as SilhouetteIntegrator
@@ -40,12 +41,14 @@ _HOME = {
     "prefix_table": "visibility",
 }
 
-__all__ = ["__version__", "reference", *_HOME]
+_MODULES = ("reference", "sh")
+
+__all__ = ["__version__", *_MODULES, *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    if name == "reference":
-        return import_module("silint.reference")
+    if name in _MODULES:
+        return import_module(f"silint.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'silint' has no attribute {name!r}")
     value = getattr(import_module(f"silint.{_HOME[name]}"), name)

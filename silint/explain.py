@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from silint.core.integrands.octahedral_sh import table_bytes
+from silint.core.sh import moment_degree
 from silint.finder import VisibleFinder
 from silint.plan import Part, Plan
 from silint.scene import Scene
 
-REQUESTS = ("ambient_occlusion", "sky_view_factor", "bent_normals", "visibility")
+REQUESTS = ("ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "visibility")
 
 
 def memory(finder: VisibleFinder) -> dict[str, int]:
@@ -71,7 +73,9 @@ def scene_plan(scene: Scene, finder: VisibleFinder) -> Plan:
     )
 
 
-def octahedral_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str) -> Plan:
+def octahedral_plan(
+    finder: VisibleFinder, request: str, isolines: int, weighting: str, max_degree: int
+) -> Plan:
     """What a request needs on octahedral isolines."""
     orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
     used = orders.get(request, {1, 2} if request == "bent_normals" else set())
@@ -97,19 +101,22 @@ def octahedral_plan(finder: VisibleFinder, request: str, isolines: int, weightin
             ),
             Part("cover", False, "only for isolines whose counts contradict each other"),
             *tables,
+            _harmonics(request, isolines, weighting, max_degree),
             _second_horizon(request),
         ),
     )
 
 
-def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str) -> Plan:
+def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str, max_degree: int) -> Plan:
     """What a request needs on radial isolines."""
     cover = finder.cover
     n_lines = max(isolines + isolines % 2, 4)
     searches = tuple(
         Part(part.name, False, "covering needs no contours") if cover else part for part in _searches(finder)
     )
-    integrand = "n.w" if weighting == "cosine" or request != "ambient_occlusion" else "1"
+    integrand = "n.w" if weighting == "cosine" or request in ("sky_view_factor", "bent_normals") else "1"
+    if request == "sh_transfer":
+        integrand = f"harmonics to degree {moment_degree(max_degree, weighting)}"
     return Plan(
         f"{request}, {n_lines} radial isolines",
         (
@@ -129,6 +136,7 @@ def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: s
                 else "the sweep costs less here; only for points whose counts contradict each other",
             ),
             Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
+            _rotation(request, max_degree),
             _second_horizon(request),
         ),
     )
@@ -144,6 +152,23 @@ def _searches(finder: VisibleFinder) -> tuple[Part, Part]:
             "open or non-manifold edges" if has_boundary else "closed mesh: no boundary edges",
         ),
     )
+
+
+def _harmonics(request: str, isolines: int, weighting: str, max_degree: int) -> Part:
+    name = "harmonics table"
+    if request != "sh_transfer":
+        return Part(name, False, f"{request} does not need it")
+    degree = moment_degree(max_degree, weighting)
+    why = f"{(degree + 1) ** 2} harmonics of degrees 0 to {degree}"
+    if weighting == "cosine":
+        why += f": n.w times those to {max_degree}"
+    return Part(name, True, f"{why}; one table serves all normals", table_bytes(degree, isolines))
+
+
+def _rotation(request: str, max_degree: int) -> Part:
+    if request != "sh_transfer":
+        return Part("rotation", False, "no harmonics asked for")
+    return Part("rotation", True, f"degrees 0 to {max_degree} from each point's frame to the world's axes")
 
 
 def _second_horizon(request: str) -> Part:

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from silint.core.integrands import fractions, radial
+from silint.core.integrands import fractions, octahedral_sh, radial, radial_sh
 from silint.core.radial import RadialIntervals
 from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
 from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
 from silint.scene import as_scene
+from silint.sh import MAX_DEGREE
 from silint.validation import (
     InputError,
     choice,
@@ -21,7 +22,7 @@ from silint.validation import (
     positive_number,
     unit_vector,
 )
-from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility
+from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility, check_table
 
 METHODS = ("auto", "octahedral", "radial")
 MAX_ISOLINES = 4096
@@ -43,6 +44,7 @@ class _Integrand(NamedTuple):
     shape: tuple[int, ...]
     octahedral: Callable[[Visibility], Found]
     radial: Callable[[RadialIntervals], Found]
+    most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
 
 
 class SilhouetteIntegrator:
@@ -193,6 +195,48 @@ class SilhouetteIntegrator:
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
+    def sh_transfer(
+        self,
+        points: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        max_degree: int = 4,
+        isolines: int | None = None,
+        weighting: str = "cosine",
+        method: str = "auto",
+        tolerance: float | None = None,
+        full_output: bool = False,
+        progress: Progress | None = None,
+    ) -> Any:
+        """Visibility in spherical harmonics: what an environment's coefficients are to be multiplied with.
+
+        The sum of products with the coefficients of an environment's radiance is the irradiance over pi
+        that arrives from it ("cosine"). Conventions: `silint.sh`; axes are the world's.
+
+        Parameters
+        ----------
+        max_degree : int
+            L, 0 to 16. K lines resolve degrees well below K / 2.
+        weighting : {"cosine", "uniform"}
+            (1/pi) int V max(n.w, 0) Y_lm dw, or int V Y_lm dw over the hemisphere of n.
+        tolerance : float, optional
+            Of the square root of the summed squares of all coefficients' errors, as is the estimate.
+
+        Returns
+        -------
+        (n, (L + 1)^2) float64, or Result
+        """
+        choice(weighting, "weighting", WEIGHTINGS)
+        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        integrand = _Integrand(
+            ((degree + 1) ** 2,),
+            lambda v: octahedral_sh.sh_transfer(
+                v.normals, (v.offsets, v.intervals), v.isolines, degree, weighting
+            ),
+            lambda v: radial_sh.sh_transfer(v, degree, weighting),
+            min(octahedral_sh.most_isolines(degree, weighting), MAX_ISOLINES),
+        )
+        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
+
     def visibility(
         self,
         points: npt.ArrayLike,
@@ -229,23 +273,28 @@ class SilhouetteIntegrator:
         return scene_plan(self.scene, self._finder)
 
     def explain(
-        self, request: str, isolines: int = 64, weighting: str = "cosine", method: str = "auto"
+        self,
+        request: str,
+        isolines: int = 64,
+        weighting: str = "cosine",
+        method: str = "auto",
+        max_degree: int = 4,
     ) -> Plan:
         """What a request builds and runs beyond the scene's plan, and what it leaves out.
 
         Parameters
         ----------
-        request : {"ambient_occlusion", "sky_view_factor", "bent_normals", "visibility"}
-        isolines, weighting, method
+        request : {"ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "visibility"}
+        isolines, weighting, method, max_degree
             As in the request.
         """
         choice(request, "request", REQUESTS)
         choice(weighting, "weighting", WEIGHTINGS)
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
-        if method == "octahedral" or request == "visibility":
-            return octahedral_plan(self._finder, request, k, weighting)
-        return radial_plan(self._finder, request, k, weighting)
+        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        plan = octahedral_plan if method == "octahedral" or request == "visibility" else radial_plan
+        return plan(self._finder, request, k, weighting, degree)
 
     @property
     def memory(self) -> dict[str, int]:
@@ -272,6 +321,8 @@ class SilhouetteIntegrator:
         choice(method, "method", METHODS)
         if tolerance is None:
             lines = positive_int(64 if isolines is None else isolines, "isolines", 1, MAX_ISOLINES)
+            if method == "octahedral":
+                check_table(lines, integrand.most_octahedral)
         elif isolines is None:
             tolerance, lines = positive_number(tolerance, "tolerance"), _FIRST_ISOLINES
         else:
@@ -303,9 +354,10 @@ class SilhouetteIntegrator:
         progress: Progress | None,
     ) -> None:
         """Double the lines of every point, more than once where its estimate asks for it, until it is met."""
+        most = integrand.most_octahedral if method == "octahedral" else MAX_ISOLINES
         lines = np.full(len(p), _FIRST_ISOLINES)
         k = _FIRST_ISOLINES
-        while k <= MAX_ISOLINES:
+        while k <= most:
             rows = np.flatnonzero(lines == k)
             if len(rows):
                 counts = diagnose(None, 0, 0, 0)
@@ -315,13 +367,13 @@ class SilhouetteIntegrator:
                 above = rows[estimate[rows] > tolerance]
                 steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1, _MOST_STEPS)
                 lines[above] = k * 2 ** steps.astype(int)
-                if k < MAX_ISOLINES:
-                    lines[above] = np.minimum(lines[above], MAX_ISOLINES)
+                if k < most:
+                    lines[above] = np.minimum(lines[above], most)
                 if k > _FIRST_ISOLINES:
                     counts["points"] = 0  # counted once
                 add_counts(totals, counts)
             k *= 2
-        totals["above_tolerance"] += int((lines > MAX_ISOLINES).sum())
+        totals["above_tolerance"] += int((lines > most).sum())
 
     def _run(
         self,

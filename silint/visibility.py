@@ -12,10 +12,11 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
-from silint.core.integrands import fractions
+from silint.core.integrands import fractions, octahedral_sh
 from silint.core.prefix_table import PrefixTable, build_prefix_table, integrate_intervals
 from silint.io import check_output, write_bytes
-from silint.validation import InputError, choice, unit_vector
+from silint.sh import MAX_DEGREE
+from silint.validation import InputError, choice, positive_int, unit_vector
 
 FloatArray = npt.NDArray[np.float64]
 WEIGHTINGS = ("cosine", "uniform")
@@ -76,6 +77,13 @@ class Visibility:
         """Fraction of the light of a uniform sky, (n,); see `SilhouetteIntegrator.sky_view_factor`."""
         axis = unit_vector(up, "up")
         return fractions.sky_view_factor(self.normals, self._visible, self.isolines, axis)[0]
+
+    def sh_transfer(self, max_degree: int = 4, weighting: str = "cosine") -> FloatArray:
+        """Spherical harmonics of what is visible, (n, (L + 1)^2); see `SilhouetteIntegrator.sh_transfer`."""
+        choice(weighting, "weighting", WEIGHTINGS)
+        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        check_table(self.isolines, octahedral_sh.most_isolines(degree, weighting))
+        return octahedral_sh.sh_transfer(self.normals, self._visible, self.isolines, degree, weighting)[0]
 
     def integrate(self, table: PrefixTable | Any) -> FloatArray:
         """int V f dw above each horizon, for any function f.
@@ -138,6 +146,15 @@ class Visibility:
     @property
     def _visible(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         return self.offsets, self.intervals
+
+
+def check_table(isolines: int, most: int) -> None:
+    """Refuse a table of harmonics that memory may not hold."""
+    if isolines > most:
+        raise InputError(
+            f"isolines is {isolines}; the table of so many harmonics is kept to {most} octahedral ones: "
+            "lower max_degree, or take method='radial', which needs no table"
+        )
 
 
 def prefix_table(function: Any, isolines: int = 64, nodes_per_quarter: int = 256) -> PrefixTable:

@@ -24,6 +24,10 @@ Equirectangular map
     width further right +z. Texel (r, c) is the rectangle [c, c + 1] / 2H x [r, r + 1] / H and has one
     radiance, linear, with Rec. 709 primaries.
 
+Spherical harmonics
+    Real, orthonormal, no Condon-Shortley phase: Y_lm at index l (l + 1) + m, degree 1 is +y, +z, +x.
+    See core.sh. The maximum degree is L, with (L + 1)^2 coefficients.
+
 Units
     Topology and hierarchies hold the scene multiplied by a power of two, so that its largest
     coordinate lies in [0.5, 1). That product is exact, and results do not depend on the unit.
@@ -37,5 +41,13 @@ Sources
     Ward91  Ward 1991, Real Pixels (Graphics Gems II).
     HZ00    Hertzmann, Zorin 2000, Illustrating Smooth Surfaces (contours in dual space).
     PH03    Praun, Hoppe 2003, Spherical Parametrization and Remeshing (octahedral map).
+    Slo13   Sloan 2013, Efficient Spherical Harmonic Evaluation.
+    Slo08   Sloan 2008, Stupid Spherical Harmonics (SH) Tricks.
+    HF02    Holmes, Featherstone 2002, A Unified Approach to the Clenshaw Summation and the Recursive
+            Computation of Very High Degree and Order Normalised Associated Legendre Functions.
+    Pau78   Paul 1978, Recurrence Relations for Integrals of Associated Legendre Functions.
+    PH07    Pinchon, Hoggan 2007, Rotation Matrices for Real Spherical Harmonics.
+    RH01    Ramamoorthi, Hanrahan 2001, On the Relationship between Radiance and Irradiance.
+    DLMF    Digital Library of Mathematical Functions, chapter 14.
     Lam60   Lambert 1760, Photometria (vector irradiance of a polygon).
 """

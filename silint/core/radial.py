@@ -41,6 +41,7 @@ def _fixed_rotation() -> np.ndarray:
 
 _G = tuple(float(x) for x in _fixed_rotation().ravel())
 NORMAL_ALONG_AXIS = _G[8]
+NORMAL_IN_FRAME = (_G[2], _G[5], _G[8])
 _G00, _G01, _G02, _G10, _G11, _G12, _G20, _G21, _G22 = _G
 
 # atan(x) / x as a polynomial in x^2 for |x| <= tan(pi / 8), to rounding.

@@ -12,7 +12,9 @@ import pytest
 from numba import njit
 
 from silint.core import along, bundles, crossings, face_bundles, filters, radial, search
+from silint.core.integrands import radial_sh
 from silint.core.lanes import WIDTH, lowest
+from silint.core.sh import recurrence
 
 from_python = njit(error_model="numpy")
 FIRST = np.zeros(1, np.int64)  # the block; in an array, so that no compiler knows
@@ -588,3 +590,11 @@ def test_loops_over_lanes_are_vector_code(name: str) -> None:
     assert n_scalar <= max(30, n_packed)
     # A signed index might wrap around: every lane is then loaded by itself.
     assert n_gathered < 10
+
+
+def test_packets_of_ends_are_vector_code() -> None:
+    packet, sums = np.zeros(radial_sh._N_FIELDS * WIDTH), np.zeros(12 * WIDTH)
+    radial_sh.packet_moments(packet, recurrence(2), sums)
+    n_packed, n_scalar, n_gathered = multiplies(radial_sh.packet_moments)
+    # Scalar are the factors of each degree, and what stands by for arrays that overlap.
+    assert n_packed >= 30 and n_scalar <= n_packed and n_gathered < 10

@@ -32,7 +32,7 @@ GROUPS = 4
 # The error of all lines per root mean square deviation of the groups from their mean: at a rate of
 # lines^-1.5 a group of a quarter errs 8 times as much. Calibrated such that the estimate holds for 95 % of
 # points (benchmarks/tolerance.py).
-_ERROR_OF_SPREAD = 0.5
+ERROR_OF_SPREAD = 0.5
 
 
 @njit(**INNER)
@@ -241,11 +241,11 @@ def bent_normal(visible: RadialIntervals) -> tuple[np.ndarray, np.ndarray]:
     missed = (2.0 / 3.0) * visible.normals - sums[:, GROUPS]
     value = sums[:, :GROUPS].sum(axis=1) + fraction[:, None] * missed
     spread = np.linalg.norm(GROUPS * sums[:, :GROUPS] - value[:, None], axis=2)
-    return value, np.minimum(_ERROR_OF_SPREAD * np.sqrt((spread**2).mean(axis=1)), 1.0)
+    return value, np.minimum(ERROR_OF_SPREAD * np.sqrt((spread**2).mean(axis=1)), 1.0)
 
 
 def estimate_error(groups: np.ndarray) -> np.ndarray:
     """Error of the mean of interleaved groups of lines, from their spread: (n, GROUPS) -> (n,)."""
     spread = groups - groups.mean(axis=1, keepdims=True)
-    estimate: np.ndarray = _ERROR_OF_SPREAD * np.sqrt((spread**2).mean(axis=1))
+    estimate: np.ndarray = ERROR_OF_SPREAD * np.sqrt((spread**2).mean(axis=1))
     return np.minimum(estimate, 1.0)
