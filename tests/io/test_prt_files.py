@@ -540,6 +540,26 @@ def test_damage_is_an_input_error_or_harmless(intact, suffix, share, bit, cut):
         assert_same(found, transfer(0))
 
 
+def test_an_npz_that_says_it_is_encrypted(intact):
+    # Found by flipping bits: zipfile answers with a RuntimeError.
+    data = bytearray((intact / "a.npz").read_bytes())
+    data[data.rindex(b"PK\x01\x02") + 8] |= 1
+    (intact / "damaged.npz").write_bytes(data)
+    with pytest.raises(InputError, match="or damaged"):
+        read_transfer(intact / "damaged.npz")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+@pytest.mark.parametrize("bad", [b"\x01\x00\x80\x7f", b"\x00\x00\x80\x7f"], ids=["signalling NaN", "inf"])
+def test_numbers_that_are_not_finite_are_refused_without_a_warning(intact, suffix, bad):
+    value = transfer(0).coefficients.astype("<f4")[0].tobytes()
+    data = (intact / f"a{suffix}").read_bytes()
+    assert data.count(value) == 1
+    (intact / f"damaged{suffix}").write_bytes(data.replace(value, bad))
+    with pytest.raises(InputError, match="coefficients must be finite; NaN or infinity in row 0"):
+        read_transfer(intact / f"damaged{suffix}")
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [
