@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from silint.integrator import SilhouetteIntegrator as SilhouetteIntegrator
     from silint.integrator import ambient_occlusion as ambient_occlusion
     from silint.plan import Plan as Plan
+    from silint.prt import Transfer as Transfer
     from silint.scene import Scene as Scene
     from silint.scene import load_scene as load_scene
     from silint.validation import InputError as InputError
@@ -35,6 +36,7 @@ _HOME = {
     "Result": "visibility",
     "Scene": "scene",
     "SilhouetteIntegrator": "integrator",
+    "Transfer": "prt",
     "Visibility": "visibility",
     "ambient_occlusion": "integrator",
     "load_scene": "scene",

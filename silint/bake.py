@@ -19,7 +19,17 @@ if TYPE_CHECKING:
     from silint.integrator import SilhouetteIntegrator
     from silint.scene import Scene
 
-__all__ = ["METHODS", "PER", "QUANTITIES", "WEIGHTINGS", "bake", "bake_scene"]
+__all__ = [
+    "METHODS",
+    "PER",
+    "QUANTITIES",
+    "WEIGHTINGS",
+    "bake",
+    "bake_scene",
+    "peak_memory",
+    "same_file",
+    "sites",
+]
 
 QUANTITIES = ("ao", "sky", "bent")
 PER = ("vertex", "face")
@@ -85,7 +95,7 @@ def bake(
     _check_options(quantity, per, isolines, method, weighting, tolerance)
     unit_vector(up, "up")
     check_output(output)
-    if _same_file(mesh_path, output):
+    if same_file(mesh_path, output):
         raise InputError(f"{output}: is the mesh itself; give the result another name")
 
     from silint.integrator import SilhouetteIntegrator
@@ -121,7 +131,7 @@ def bake(
             "integrate": integrated - built,
             "write": written - integrated,
         },
-        "peak_memory_bytes": _peak_memory(),
+        "peak_memory_bytes": peak_memory(),
         "diagnostics": diagnostics,
     }
 
@@ -158,7 +168,7 @@ def bake_scene(
     """
     _check_options(quantity, per, isolines, method, weighting, tolerance)
     scene = integrator.scene
-    points, normals, valid = _sites(scene, per)
+    points, normals, valid = sites(scene, per)
     options: dict[str, Any] = {
         "isolines": isolines,
         "method": method,
@@ -205,10 +215,10 @@ def _check_options(
     choice(weighting, "weighting", WEIGHTINGS)
 
 
-def _sites(
+def sites(
     scene: Scene, per: str
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Points, normals (zero where there is none), and where there is one."""
+    """Points, normals (zero where there is none), and where there is one, of a mesh's vertices or faces."""
     if per == "face":
         points, normals, valid = scene.face_centers_normals()
     else:
@@ -217,7 +227,7 @@ def _sites(
     return points, np.where(valid[:, None], normals, 0.0), valid
 
 
-def _peak_memory() -> int | None:
+def peak_memory() -> int | None:
     """The most memory that this process has held, where the system tells."""
     try:
         import resource
@@ -227,7 +237,8 @@ def _peak_memory() -> int | None:
     return peak if sys.platform == "darwin" else 1024 * peak
 
 
-def _same_file(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
+def same_file(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
+    """Whether two paths lead to one existing file."""
     try:
         return os.path.samefile(a, b)
     except (OSError, TypeError, ValueError):

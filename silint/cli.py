@@ -1,4 +1,4 @@
-"""The command line: demo, bake, bench, info.
+"""The command line: demo, bake, prt, bench, info.
 
 Only typer is imported before a command runs, so that help and mistakes answer at once. Whatever the user
 can get wrong ends as one line on stderr and exit code 2; Ctrl-C as exit code 130.
@@ -194,7 +194,6 @@ def _bake(
     if as_json:
         _print_json(summary)
         return
-    seconds = summary["seconds"]
     sites = "vertices" if per == "vertex" else "faces"
     print(
         f"{quantity} at {summary['n_points']:,} {sites}: mean {summary['mean']:.4f}, "
@@ -203,13 +202,46 @@ def _bake(
     if summary["without_normal"]:
         told = "0" if quantity == "bent" else "1"
         print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
-    print(
-        f"read {seconds['load']:.2f} s, built {seconds['build']:.2f} s, "
-        f"integrated {seconds['integrate']:.2f} s, {summary['isolines']} isolines"
-    )
-    if summary["peak_memory_bytes"]:
-        print(f"at most {summary['peak_memory_bytes'] / 2**20:,.0f} MiB of memory")
+    _print_costs(summary)
     print(f"wrote {output}")
+
+
+@app.command("prt")
+def _prt(
+    mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb, or a folder")],
+    max_degree: Annotated[int, typer.Option(help="0 to 16, of spherical harmonics.")] = 2,
+    per: Annotated[str, typer.Option(help="vertex or face.")] = "vertex",
+    isolines: Annotated[int, typer.Option(help="More are more accurate.")] = 64,
+    method: Annotated[str, typer.Option(help="auto, radial or octahedral.")] = "auto",
+    weighting: Annotated[str, typer.Option(help="cosine or uniform.")] = "cosine",
+    as_json: JsonFlag = False,
+) -> None:
+    """Bake transfer coefficients (PRT) of a mesh into a file: lighting by dot product.
+
+    A folder gets bounce/bounce0.txt and bounce/face.npy, as computePRT of PIFu writes them.
+    """
+    with _bar() as bar:
+        from silint.prt import prt_file
+
+        summary = prt_file(
+            mesh, output, max_degree, per, isolines, weighting, method, progress=_stage(bar, "baking")
+        )
+    if as_json:
+        _print_json(summary)
+        return
+    sites = "vertices" if per == "vertex" else "faces"
+    openness = summary["openness"]
+    print(
+        f"transfer of degree {max_degree} ({summary['n_coefficients']} coefficients, {weighting}) at "
+        f"{summary['n_points']:,} {sites}: openness {openness['mean']:.4f}, "
+        f"from {openness['min']:.4f} to {openness['max']:.4f}; 1 is open, 0 is closed"
+    )
+    if summary["without_normal"]:
+        print(f"{summary['without_normal']:,} {sites} have no normal and got 0")
+    _print_costs(summary)
+    for file in summary["files"]:
+        print(f"wrote {file['path']} ({file['bytes']:,} bytes)")
 
 
 @app.command("bench")
@@ -322,6 +354,17 @@ def _print_comparison(comparison: dict[str, Any] | None) -> None:
         f"{comparison['n_points']} points, {comparison['threads']} threads; "
         f"truth: Embree with {reference['rays']:,} rays a point"
     )
+
+
+def _print_costs(summary: dict[str, Any]) -> None:
+    """Time and memory of a bake."""
+    seconds = summary["seconds"]
+    print(
+        f"read {seconds['load']:.2f} s, built {seconds['build']:.2f} s, "
+        f"integrated {seconds['integrate']:.2f} s, {summary['isolines']} isolines"
+    )
+    if summary["peak_memory_bytes"]:
+        print(f"at most {summary['peak_memory_bytes'] / 2**20:,.0f} MiB of memory")
 
 
 def _vector(v: Any) -> str:

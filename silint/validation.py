@@ -18,6 +18,7 @@ __all__ = [
     "InputError",
     "choice",
     "colour",
+    "finite_array",
     "finite_number",
     "mesh_arrays",
     "normal_rows",
@@ -350,6 +351,41 @@ def choice(value: Any, name: str, allowed: Sequence[str]) -> str:
     return value
 
 
+def finite_array(
+    data: npt.ArrayLike, name: str, shapes: Sequence[tuple[int, ...]], meaning: str
+) -> FloatArray:
+    """Finite real numbers of one of a few shapes, in one dimension or two.
+
+    Parameters
+    ----------
+    data : array_like
+        Of any real dtype and layout.
+    name : str
+        What error messages call the argument.
+    shapes : sequence of tuples of int
+        Those that are allowed.
+    meaning : str
+        What rows and columns are, for error messages.
+
+    Returns
+    -------
+    ndarray of float64, C-contiguous
+        The caller's own array where it already is one.
+
+    Raises
+    ------
+    InputError
+        Not numbers, another shape, or NaN or infinity, whose rows are listed.
+    """
+    expected = f"{' or '.join(str(shape) for shape in shapes)}: {meaning}"
+    array = _numeric(data, name, expected)
+    if array.shape not in shapes:
+        raise InputError(f"{name} has shape {array.shape}; expected {expected}")
+    out = _as_float64(array)
+    _require_finite_rows(out if out.ndim == 2 else out[:, None], name)
+    return out
+
+
 def _numeric(data: npt.ArrayLike, name: str, expected: str) -> npt.NDArray[Any]:
     """`data` as an array of real numbers of whatever dtype, or an InputError."""
     try:
@@ -376,7 +412,8 @@ def _rows_of_three(data: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
 
 def _as_float64(array: npt.NDArray[Any]) -> FloatArray:
     """C-contiguous, aligned, native float64: the one layout that the kernels are compiled for."""
-    with np.errstate(over="ignore"):  # long double beyond the range becomes inf, and is refused as such
+    # Long doubles beyond the range become inf, signalling NaNs quiet ones, and both are refused as such.
+    with np.errstate(over="ignore", invalid="ignore"):
         return np.require(array, dtype=np.float64, requirements=["C", "A"])
 
 

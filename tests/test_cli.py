@@ -59,7 +59,7 @@ def test_version_and_help(capfd):
     for arguments in ((), ("--help",)):
         code, out, err = run(capfd, *arguments)
         assert code == 0 and err == ""
-        for command in ("demo", "bake", "bench", "info"):
+        for command in ("demo", "bake", "prt", "bench", "info"):
             assert re.search(rf"^\W*{command}\b", out, re.MULTILINE)
 
 

@@ -11,6 +11,7 @@ from silint.validation import (
     InputError,
     choice,
     colour,
+    finite_array,
     finite_number,
     mesh_arrays,
     normals_array,
@@ -258,3 +259,38 @@ def test_what_is_no_rotation_is_refused(given, told):
 
 def test_an_input_error_is_a_value_error():
     assert issubclass(InputError, ValueError)
+
+
+# ------------------------------------------------------------------------------------------ finite_array
+
+
+def test_finite_arrays_keep_what_fits_and_convert_the_rest():
+    given = np.arange(6.0).reshape(2, 3)
+    assert finite_array(given, "x", [(2, 3)], "rows") is given
+    for other in (given.astype(np.float32), given.astype(int), given.T.copy().T, given.tolist()):
+        out = finite_array(other, "x", [(6,), (2, 3)], "rows")
+        assert out.dtype == np.float64 and out.flags.c_contiguous and np.array_equal(out, given)
+    assert finite_array([], "x", [(0,)], "rows").shape == (0,)
+    assert finite_array(np.zeros((0, 3)), "x", [(0, 3)], "rows").shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (np.zeros((3, 2)), r"x has shape \(3, 2\); expected \(6,\) or \(2, 3\): rows"),
+        (np.zeros(7), r"x has shape \(7,\)"),
+        (1.0, r"x has shape \(\)"),
+        ([[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]], "x must be finite; NaN or infinity in row 1"),
+        (np.full(6, np.inf), "x must be finite; NaN or infinity in rows 0, 1"),
+        # A signalling NaN, which must not warn on its way either.
+        (np.frombuffer(b"\x01\x00\x80\x7f" * 6, "<f4"), "x must be finite"),
+        ([[1.0], [2.0, 3.0]], "x is not a rectangular array"),
+        (["a"] * 6, "x has dtype"),
+        (np.zeros(6, complex), "x has complex numbers"),
+        (np.zeros(6, bool), "x has dtype bool"),
+    ],
+)
+def test_what_is_no_finite_array_of_that_shape_is_refused(data, told):
+    with pytest.raises(InputError, match=told) as caught:
+        finite_array(data, "x", [(6,), (2, 3)], "rows")
+    assert "\n" not in str(caught.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from silint.io.bounce import read_bounce
 from silint.io.read import MESH_SUFFIXES, MeshData, mesh_data, read_mesh
 from silint.io.write import OUTPUT_SUFFIXES, Baked, check_output, read_values, write_baked, write_bytes
 
@@ -12,6 +13,7 @@ __all__ = [
     "MeshData",
     "check_output",
     "mesh_data",
+    "read_bounce",
     "read_mesh",
     "read_values",
     "write_baked",

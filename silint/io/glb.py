@@ -8,19 +8,20 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from silint.validation import InputError
 
-__all__ = ["glb_bytes", "glb_values"]
+__all__ = ["GlbMesh", "glb_bytes", "glb_values", "read_glb"]
 
 _MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _FLOAT, _UINT32 = 5126, 5125
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
-_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+_WIDTHS = {name: width for width, name in _TYPES.items()}
 _MAX_BYTES = 2**32 - 1
 
 
@@ -127,6 +128,66 @@ def glb_bytes(
     )
 
 
+class GlbMesh(NamedTuple):
+    """The first mesh of a file."""
+
+    attributes: dict[str, npt.NDArray[np.float32]]
+    """By their glTF names, (V,) or (V, k); those of other types than float32 are left out."""
+    faces: npt.NDArray[np.uint32]
+    """(F, 3)."""
+    extras: dict[str, Any]
+    """Metadata of the mesh."""
+
+
+def read_glb(data: bytes) -> GlbMesh:
+    """Read what `glb_bytes` wrote.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+
+    Returns
+    -------
+    GlbMesh
+
+    Raises
+    ------
+    KeyError, IndexError, TypeError, ValueError
+        Not such a file, or cut short.
+    """
+    if len(data) < 28 or struct.unpack_from("<I", data)[0] != _MAGIC:
+        raise ValueError("not a .glb file")
+    n_text = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + n_text])
+    binary = data[28 + n_text :]
+    mesh = document["meshes"][0]
+    primitive = mesh["primitives"][0]
+
+    def array(index: int, dtype: str) -> npt.NDArray[Any]:
+        accessor = document["accessors"][index]
+        view = document["bufferViews"][accessor["bufferView"]]
+        width = _WIDTHS[accessor["type"]]
+        rows: npt.NDArray[Any] = np.ndarray(
+            (accessor["count"], width),
+            dtype,
+            binary,
+            view.get("byteOffset", 0) + accessor.get("byteOffset", 0),
+            (view.get("byteStride", 4 * width), 4),
+        )
+        return rows[:, 0] if width == 1 else rows
+
+    if document["accessors"][primitive["indices"]]["componentType"] != _UINT32:
+        raise ValueError("indices are not uint32")
+    attributes = {
+        name: array(index, "<f4")
+        for name, index in primitive["attributes"].items()
+        if document["accessors"][index]["componentType"] == _FLOAT
+    }
+    faces = array(primitive["indices"], "<u4").reshape(-1, 3)
+    return GlbMesh(attributes, faces, mesh.get("extras", {}))
+
+
 def glb_values(data: bytes, name: str) -> npt.NDArray[np.float64]:
     """A float32 vertex attribute of the first mesh of a .glb that `glb_bytes` made.
 
@@ -142,17 +203,7 @@ def glb_values(data: bytes, name: str) -> npt.NDArray[np.float64]:
 
     Raises
     ------
-    KeyError, IndexError, ValueError
+    KeyError, IndexError, TypeError, ValueError
         It is not there, or this is no such file.
     """
-    if len(data) < 20 or struct.unpack_from("<I", data)[0] != _MAGIC:
-        raise ValueError("not a .glb file")
-    n_text = struct.unpack_from("<I", data, 12)[0]
-    document = json.loads(data[20 : 20 + n_text])
-    accessor = document["accessors"][document["meshes"][0]["primitives"][0]["attributes"][name]]
-    if accessor["componentType"] != _FLOAT:
-        raise ValueError(f"{name} is not float32")
-    view = document["bufferViews"][accessor["bufferView"]]
-    start = 20 + n_text + 8 + view["byteOffset"]
-    flat = np.frombuffer(data[start : start + view["byteLength"]], dtype="<f4").astype(np.float64)
-    return flat if accessor["type"] == "SCALAR" else flat.reshape(accessor["count"], -1)
+    return read_glb(data).attributes[name].astype(np.float64)

@@ -23,6 +23,7 @@ import io
 import json
 import os
 import secrets
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -30,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.io.glb import glb_bytes, glb_values
+from silint.io.ply import Field, ply_bytes, position_type
 from silint.validation import InputError
 
 __all__ = [
@@ -40,6 +42,7 @@ __all__ = [
     "read_values",
     "write_baked",
     "write_bytes",
+    "write_together",
 ]
 
 OUTPUT_SUFFIXES = (".npz", ".ply", ".glb")
@@ -131,21 +134,46 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     InputError
         The file system refuses; whatever stood there before is untouched.
     """
-    target = Path(os.path.realpath(path))
-    temporary = _temporary_name(target)
-    _unfinished.add(temporary)
+    write_together([(path, data)])
+
+
+def write_together(contents: Sequence[tuple[str | os.PathLike[str], bytes]]) -> None:
+    """Write files that belong together, each whole or not at all.
+
+    All are complete, under their temporary names, before the first is renamed: a full disk leaves all of the
+    old ones.
+
+    Parameters
+    ----------
+    contents : sequence of (path, bytes)
+        Each is replaced if it exists.
+
+    Raises
+    ------
+    InputError
+        The file system refuses.
+    """
+    moves: list[tuple[Path, Path]] = []
+    path: str | os.PathLike[str] = ""
     try:
         try:
-            with temporary.open("xb") as stream:
-                stream.write(data)
-            os.replace(temporary, target)
+            for path, data in contents:
+                target = Path(os.path.realpath(path))
+                temporary = _temporary_name(target)
+                moves.append((temporary, target))
+                _unfinished.add(temporary)
+                with temporary.open("xb") as stream:
+                    stream.write(data)
+            for (temporary, target), (path, _) in zip(moves, contents, strict=True):  # noqa: B007
+                os.replace(temporary, target)
         except BaseException:  # Ctrl-C too
-            temporary.unlink(missing_ok=True)
+            for temporary, _ in moves:
+                temporary.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
     finally:
-        _unfinished.discard(temporary)
+        _unfinished.difference_update(temporary for temporary, _ in moves)
 
 
 def discard_unfinished() -> None:
@@ -207,7 +235,7 @@ def read_values(path: str | os.PathLike[str], quantity: str) -> npt.NDArray[np.f
         return _ply_values(file, _property_names(quantity))
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror or error})") from None
-    except (KeyError, IndexError, ValueError):
+    except (KeyError, IndexError, TypeError, ValueError):
         raise InputError(f"{file}: holds no {quantity!r} that silint wrote") from None
 
 
@@ -239,48 +267,21 @@ def _npz_bytes(baked: Baked) -> bytes:
 
 
 def _ply_bytes(baked: Baked) -> bytes:
-    """Binary PLY, written here because trimesh's writer rounds positions to float32."""
-    per_vertex = baked.per == "vertex"
-    as_float32 = bool(np.array_equal(baked.vertices.astype(np.float32), baked.vertices))
-    position = ("float", "<f4") if as_float32 else ("double", "<f8")
+    kind = position_type(baked.vertices)
     columns = baked.value.reshape(len(baked.value), -1)
-
-    result_fields: list[tuple[str, str, str, npt.NDArray[Any]]] = []
-    for i, axis in enumerate("xyz"):
-        result_fields.append((f"n{axis}", *position, baked.normals[:, i]))
-    for i, name in enumerate(_property_names(baked.quantity)):
-        result_fields.append((name, "double", "<f8", columns[:, i]))
+    results: list[Field] = [(f"n{axis}", kind, baked.normals[:, i]) for i, axis in enumerate("xyz")]
+    results += [(name, "double", columns[:, i]) for i, name in enumerate(_property_names(baked.quantity))]
     eight_bit = np.rint(255.0 * _colors(baked.value))
-    for i, channel in enumerate(("red", "green", "blue")):
-        result_fields.append((channel, "uchar", "u1", eight_bit[:, i]))
+    results += [(name, "uchar", eight_bit[:, i]) for i, name in enumerate(("red", "green", "blue"))]
 
-    vertex_fields = [(axis, *position, baked.vertices[:, i]) for i, axis in enumerate("xyz")]
-    vertex_fields += result_fields if per_vertex else []
-    header = ["ply", "format binary_little_endian 1.0", f"comment silint {json.dumps(baked.metadata)}"]
-    header.append(f"element vertex {len(baked.vertices)}")
-    header += [f"property {kind} {name}" for name, kind, _, _ in vertex_fields]
-    header.append(f"element face {len(baked.faces)}")
-    header.append("property list uchar int vertex_indices")
-    face_fields = [] if per_vertex else result_fields
-    header += [f"property {kind} {name}" for name, kind, _, _ in face_fields]
-    header.append("end_header\n")
-
-    vertex = np.empty(len(baked.vertices), dtype=[(name, dtype) for name, _, dtype, _ in vertex_fields])
-    for name, _, _, column in vertex_fields:
-        vertex[name] = column
-    face = np.empty(
-        len(baked.faces),
-        dtype=[
-            ("count", "u1"),
-            ("index", "<i4", (3,)),
-            *((name, dtype) for name, _, dtype, _ in face_fields),
-        ],
+    vertex: list[Field] = [(axis, kind, baked.vertices[:, i]) for i, axis in enumerate("xyz")]
+    per_vertex = baked.per == "vertex"
+    return ply_bytes(
+        vertex + results if per_vertex else vertex,
+        baked.faces,
+        [] if per_vertex else results,
+        [f"silint {json.dumps(baked.metadata)}"],
     )
-    face["count"] = 3
-    face["index"] = baked.faces
-    for name, _, _, column in face_fields:
-        face[name] = column
-    return "\n".join(header).encode("ascii") + vertex.tobytes() + face.tobytes()
 
 
 def _ply_values(file: Path, names: tuple[str, ...]) -> npt.NDArray[np.float64]:
