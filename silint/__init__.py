@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from silint.core.prefix_table import PrefixTable as PrefixTable
     from silint.environment import Environment as Environment
     from silint.integrator import SilhouetteIntegrator as SilhouetteIntegrator
-    from silint.integrator import ambient_occlusion as ambient_occlusion
+    from silint.one_shot import ambient_occlusion as ambient_occlusion
     from silint.plan import Plan as Plan
     from silint.prt import Transfer as Transfer
     from silint.scene import Scene as Scene
@@ -38,7 +38,7 @@ _HOME = {
     "SilhouetteIntegrator": "integrator",
     "Transfer": "prt",
     "Visibility": "visibility",
-    "ambient_occlusion": "integrator",
+    "ambient_occlusion": "one_shot",
     "load_scene": "scene",
     "prefix_table": "visibility",
 }

@@ -33,7 +33,7 @@ __all__ = [
 
 QUANTITIES = ("ao", "sky", "bent")
 PER = ("vertex", "face")
-METHODS = ("auto", "octahedral")
+METHODS = ("auto", "octahedral", "radial")
 WEIGHTINGS = ("cosine", "uniform")
 
 Progress = Callable[[int, int], None]

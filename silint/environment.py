@@ -20,6 +20,8 @@ import numpy.typing as npt
 
 from silint.core import cie_sky, equirect
 from silint.core.integrands.light import LightTable, constant_light, texel_light
+from silint.core.prefix_table import NODES_PER_QUARTER
+from silint.core.texel_table import cells_per_quarter
 from silint.io.images import read_image
 from silint.skies import Sun, draw_sky
 from silint.validation import (
@@ -355,6 +357,18 @@ class Environment:
             for old in list(self._tables)[:-_TABLES_KEPT]:
                 self._tables.pop(old, None)
         return table
+
+    def table_bytes(self, isolines: int) -> int:
+        """Size of `moment_table`."""
+        height, _, channels = self.texel_radiance.shape
+        nodes = 2 * 3 * (4 * NODES_PER_QUARTER + 1)
+        cells = 3 * channels * (4 * cells_per_quarter(height) + 1)
+        return 8 * isolines * (nodes if self.is_constant else cells)
+
+    @property
+    def most_isolines(self) -> int:
+        """How many isolines, a power of two, memory is spent on for a table: 1 GiB."""
+        return 1 << ((1 << 30) // self.table_bytes(1)).bit_length() - 1
 
     @property
     def _first(self) -> FloatArray:

@@ -8,11 +8,12 @@ import numpy as np
 
 from silint.core.integrands.octahedral_sh import table_bytes
 from silint.core.sh import moment_degree
+from silint.environment import Environment
 from silint.finder import VisibleFinder
 from silint.plan import Part, Plan
 from silint.scene import Scene
 
-REQUESTS = ("ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "visibility")
+REQUESTS = ("ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance", "visibility")
 
 
 def memory(finder: VisibleFinder) -> dict[str, int]:
@@ -74,10 +75,16 @@ def scene_plan(scene: Scene, finder: VisibleFinder) -> Plan:
 
 
 def octahedral_plan(
-    finder: VisibleFinder, request: str, isolines: int, weighting: str, max_degree: int
+    finder: VisibleFinder,
+    request: str,
+    isolines: int,
+    weighting: str,
+    max_degree: int,
+    environment: Environment | None = None,
 ) -> Plan:
     """What a request needs on octahedral isolines."""
     orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
+    orders["irradiance"] = {1}  # of the open hemisphere, and of a constant environment
     used = orders.get(request, {1, 2} if request == "bent_normals" else set())
     tables = tuple(
         Part(
@@ -101,6 +108,7 @@ def octahedral_plan(
             ),
             Part("cover", False, "only for isolines whose counts contradict each other"),
             *tables,
+            _light(request, isolines, environment),
             _harmonics(request, isolines, weighting, max_degree),
             _second_horizon(request),
         ),
@@ -151,6 +159,23 @@ def _searches(finder: VisibleFinder) -> tuple[Part, Part]:
             has_boundary,
             "open or non-manifold edges" if has_boundary else "closed mesh: no boundary edges",
         ),
+    )
+
+
+def _light(request: str, isolines: int, environment: Environment | None) -> Part:
+    name = "light table"
+    if request != "irradiance":
+        return Part(name, False, f"{request} does not need it")
+    if environment is None:
+        return Part(name, True, "3 columns for each channel of an environment, 1 if it is grey; all normals")
+    if environment.is_constant:
+        return Part(name, False, "a constant environment: first moments times its radiance")
+    columns = "3 columns, grey" if environment.channels == 1 else "9 columns, 3 channels"
+    return Part(
+        name,
+        True,
+        f"{columns}: L (n.w) is linear in L w; one table serves all normals",
+        environment.table_bytes(isolines),
     )
 
 

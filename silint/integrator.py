@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from silint.core.integrands import fractions, octahedral_sh, radial, radial_sh
 from silint.core.radial import RadialIntervals
+from silint.environment import Environment
 from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
 from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
@@ -22,7 +23,7 @@ from silint.validation import (
     positive_number,
     unit_vector,
 )
-from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility, check_table
+from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility, check_table, in_rows
 
 METHODS = ("auto", "octahedral", "radial")
 MAX_ISOLINES = 4096
@@ -43,7 +44,7 @@ class _Integrand(NamedTuple):
 
     shape: tuple[int, ...]
     octahedral: Callable[[Visibility], Found]
-    radial: Callable[[RadialIntervals], Found]
+    radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
     most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
 
 
@@ -237,6 +238,48 @@ class SilhouetteIntegrator:
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
+    def irradiance(
+        self,
+        points: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        environment: Environment,
+        isolines: int | None = None,
+        method: str = "auto",
+        tolerance: float | None = None,
+        full_output: bool = False,
+        progress: Progress | None = None,
+    ) -> Any:
+        """int L V max(n.w, 0) dw: what arrives from an environment, past the scene [NBMJ14 eq. 8].
+
+        Parameters
+        ----------
+        environment : Environment
+            Tabulated once for a number of isolines and kept; one table serves all normals. An isoline stands
+            for a strip of the sky 2 / isolines wide: where a sun is half hidden, few isolines show as bands.
+        method : {"auto", "octahedral"}
+            Light from any direction has no closed form along radial isolines.
+        tolerance : float, optional
+            In units of irradiance, of the channel that needs it most.
+
+        Returns
+        -------
+        (n, 3) float64, or Result
+            In units of the environment's radiance times steradians: pi L under an open constant sky.
+        """
+        if not isinstance(environment, Environment):
+            raise InputError(
+                f"environment is a {type(environment).__name__}; expected a silint.Environment "
+                "(Environment.from_file, .from_array, .constant, ...)"
+            )
+        choice(method, "method", ("auto", "octahedral"))
+        most = min(environment.most_isolines, MAX_ISOLINES)
+        if tolerance is None:
+            positive_int(64 if isolines is None else isolines, "isolines", 1, most)
+        integrand = _Integrand((3,), lambda v: v._irradiance(environment), None, most)
+        return self._integrate(
+            integrand, points, normals, isolines, "octahedral", tolerance, full_output, progress
+        )
+
     def visibility(
         self,
         points: npt.ArrayLike,
@@ -262,7 +305,7 @@ class SilhouetteIntegrator:
             intervals.append(visible.intervals)
             rows.append(group)
             add_counts(totals, visible.diagnostics)
-        offsets, found = _in_rows(len(p), lines, lengths, intervals, rows)
+        offsets, found = in_rows(len(p), lines, lengths, intervals, rows)
         return Visibility(n, lines, offsets, found, diagnostics=totals)
 
     # ------------------------------------------------------------------ what is built, and why
@@ -279,13 +322,16 @@ class SilhouetteIntegrator:
         weighting: str = "cosine",
         method: str = "auto",
         max_degree: int = 4,
+        environment: Environment | None = None,
     ) -> Plan:
         """What a request builds and runs beyond the scene's plan, and what it leaves out.
 
         Parameters
         ----------
-        request : {"ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "visibility"}
-        isolines, weighting, method, max_degree
+        request : str
+            "ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance" or
+            "visibility".
+        isolines, weighting, method, max_degree, environment
             As in the request.
         """
         choice(request, "request", REQUESTS)
@@ -293,8 +339,9 @@ class SilhouetteIntegrator:
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-        plan = octahedral_plan if method == "octahedral" or request == "visibility" else radial_plan
-        return plan(self._finder, request, k, weighting, degree)
+        if method == "octahedral" or request in ("visibility", "irradiance"):
+            return octahedral_plan(self._finder, request, k, weighting, degree, environment)
+        return radial_plan(self._finder, request, k, weighting, degree)
 
     @property
     def memory(self) -> dict[str, int]:
@@ -389,7 +436,7 @@ class SilhouetteIntegrator:
         progress: Progress | None,
     ) -> None:
         """Write value and estimate of some rows, and add what was counted."""
-        if method == "octahedral":
+        if method == "octahedral" or integrand.radial is None:
             for visible, part in self._finder.octahedral(p, n, max(isolines, 2), progress):
                 with KERNEL_LOCK:
                     value[rows[part]], estimate[rows[part]] = integrand.octahedral(visible)
@@ -402,91 +449,11 @@ class SilhouetteIntegrator:
             add_counts(totals, counts)
 
 
-def ambient_occlusion(
-    source: Any,
-    points: npt.ArrayLike | None = None,
-    normals: npt.ArrayLike | None = None,
-    **options: Any,
-) -> Any:
-    """Ambient occlusion in one call.
-
-    Parameters
-    ----------
-    source : Scene, path, or trimesh object
-    points, normals : array_like, shape (n, 3), optional
-        By default every vertex of the file in order, with the file's normals or else angle-weighted ones;
-        vertices without a normal (no face uses them) get 1 and are counted as ``without_normal``.
-    **options
-        Of `SilhouetteIntegrator.ambient_occlusion`.
-
-    Returns
-    -------
-    (n,) float64, or Result
-
-    Notes
-    -----
-    For more than one call on a scene, keep a `SilhouetteIntegrator`.
-    """
-    scene = as_scene(source)
-    integrator = SilhouetteIntegrator(scene)
-    if points is not None:
-        if normals is None:
-            raise InputError("normals is None; pass one normal for each of your points")
-        return integrator.ambient_occlusion(points, normals, **options)
-    if normals is not None:
-        raise InputError("normals given without points; pass both, or neither for every vertex")
-    vertex_normals, valid = scene.vertex_normals()
-    return at_valid_points(
-        integrator.ambient_occlusion, scene.vertices, vertex_normals, valid, 1.0, **options
-    )
-
-
-def at_valid_points(
-    query: Callable[..., Any],
-    points: FloatArray,
-    normals: FloatArray,
-    valid: Any,
-    default: Any,
-    **options: Any,
-) -> Any:
-    """Run a query where there is a normal; elsewhere, counted as ``without_normal``, it is `default`."""
-    full_output = options.pop("full_output", False)
-    result = query(points[valid], normals[valid], full_output=True, **options)
-    value = np.empty((len(points), *result.value.shape[1:]))
-    value[:] = default
-    value[valid] = result.value
-    estimate = np.zeros(len(points))
-    estimate[valid] = result.error_estimate
-    diagnostics = {**result.diagnostics, "without_normal": int((~np.asarray(valid)).sum())}
-    return Result(value, estimate, diagnostics) if full_output else value
-
-
 def _part_of(progress: Progress | None, chunk: slice, total: int) -> Progress | None:
     """Progress of a chunk as that of all points."""
     if progress is None:
         return None
     return lambda done, _: progress(chunk.start + done, total)
-
-
-def _in_rows(
-    n: int,
-    isolines: int,
-    lengths: list[npt.NDArray[np.int64]],
-    intervals: list[FloatArray],
-    rows: list[npt.NDArray[np.int64]],
-) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Offsets and intervals in the order of the points, from groups of points in any order."""
-    counts = np.zeros((n, isolines), np.int64)
-    for length, group in zip(lengths, rows, strict=True):
-        counts[group] = length.reshape(-1, isolines)
-    offsets = np.concatenate([[0], np.cumsum(counts.ravel())])
-    ordered = np.empty((offsets[-1], 2))
-    for length, found, group in zip(lengths, intervals, rows, strict=True):
-        per_point = length.reshape(-1, isolines).sum(axis=1)
-        before = np.cumsum(per_point) - per_point
-        shift = offsets[group * isolines] - before
-        ordered[np.repeat(shift, per_point) + np.arange(len(found))] = found
-    return offsets, ordered
 
 
 def _at_least_two(isolines: int) -> int:

@@ -152,7 +152,8 @@ def prt(
         An option or the source is no good, in one line.
     """
     _check_options(max_degree, per, isolines, weighting, method)
-    from silint.integrator import SilhouetteIntegrator, at_valid_points
+    from silint.integrator import SilhouetteIntegrator
+    from silint.one_shot import at_valid_points
 
     integrator: Any = source if isinstance(source, SilhouetteIntegrator) else SilhouetteIntegrator(source)
     scene: Scene = integrator.scene

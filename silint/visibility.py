@@ -12,8 +12,9 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
-from silint.core.integrands import fractions, octahedral_sh
+from silint.core.integrands import fractions, light, octahedral_sh
 from silint.core.prefix_table import PrefixTable, build_prefix_table, integrate_intervals
+from silint.environment import Environment
 from silint.io import check_output, write_bytes
 from silint.sh import MAX_DEGREE
 from silint.validation import InputError, choice, positive_int, unit_vector
@@ -84,6 +85,18 @@ class Visibility:
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
         check_table(self.isolines, octahedral_sh.most_isolines(degree, weighting))
         return octahedral_sh.sh_transfer(self.normals, self._visible, self.isolines, degree, weighting)[0]
+
+    def irradiance(self, environment: Environment) -> FloatArray:
+        """What arrives from an environment, (n, 3); see `SilhouetteIntegrator.irradiance`."""
+        if not isinstance(environment, Environment):
+            raise InputError(f"environment is a {type(environment).__name__}; expected a silint.Environment")
+        return self._irradiance(environment)[0]
+
+    def _irradiance(self, environment: Environment) -> tuple[FloatArray, FloatArray]:
+        """The same, and its error estimate."""
+        table = environment.moment_table(self.isolines)
+        value, estimate = light.irradiance(self.normals, self._visible, table)
+        return np.broadcast_to(value, (len(value), 3)).copy(), estimate
 
     def integrate(self, table: PrefixTable | Any) -> FloatArray:
         """int V f dw above each horizon, for any function f.
@@ -183,3 +196,24 @@ def prefix_table(function: Any, isolines: int = 64, nodes_per_quarter: int = 256
         return values.reshape(len(directions), -1)
 
     return build_prefix_table(columns, isolines, nodes_per_quarter)
+
+
+def in_rows(
+    n: int,
+    isolines: int,
+    lengths: list[npt.NDArray[np.int64]],
+    intervals: list[FloatArray],
+    rows: list[npt.NDArray[np.int64]],
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Offsets and intervals in the order of the points, from groups of points in any order."""
+    counts = np.zeros((n, isolines), np.int64)
+    for length, group in zip(lengths, rows, strict=True):
+        counts[group] = length.reshape(-1, isolines)
+    offsets = np.concatenate([[0], np.cumsum(counts.ravel())])
+    ordered = np.empty((offsets[-1], 2))
+    for length, found, group in zip(lengths, intervals, rows, strict=True):
+        per_point = length.reshape(-1, isolines).sum(axis=1)
+        before = np.cumsum(per_point) - per_point
+        shift = offsets[group * isolines] - before
+        ordered[np.repeat(shift, per_point) + np.arange(len(found))] = found
+    return offsets, ordered

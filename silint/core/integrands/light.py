@@ -12,7 +12,10 @@ import numpy as np
 
 from silint.core.integrands.moments import moment_table
 from silint.core.prefix_table import PrefixTable, integrate_intervals
+from silint.core.runs import horizon_runs
 from silint.core.texel_table import TexelTable, build_texel_table, integrate_steps
+
+Intervals = tuple[np.ndarray, np.ndarray]  # offsets (n K + 1,), loop coordinates (m, 2)
 
 
 class LightTable(NamedTuple):
@@ -71,3 +74,33 @@ def vector_irradiance(light: LightTable, offsets: np.ndarray, intervals: np.ndar
         return moments[:, :, None, :] * light.radiance[:, None]
     moments = integrate_steps(table.values, table.cells_per_quarter, offsets, intervals, light.isolines)
     return moments.reshape(len(moments), 2, light.channels, 3)
+
+
+def irradiance(normals: np.ndarray, visible: Intervals, light: LightTable) -> tuple[np.ndarray, np.ndarray]:
+    """int L V max(n.w, 0) dw [NBMJ14 8].
+
+    What the isolines miss of an open hemisphere under a uniform sky is given back in proportion, as in
+    ambient occlusion: a constant environment gives pi L times the ambient occlusion of the same isolines.
+
+    Returns
+    -------
+    value : (n, C) float64
+    error_estimate : (n,) float64
+        The difference between even and odd isolines, of the channel in which it is largest.
+    """
+    uniform = constant_light(np.ones(1), light.isolines)
+    seen = np.einsum("nhci,ni->nhc", vector_irradiance(light, *visible), normals)
+    horizon = vector_irradiance(uniform, *horizon_runs(normals, light.isolines))
+    whole = np.einsum("nhci,ni->nh", horizon, normals)
+    value = seen.sum(axis=1) * _share(whole.sum(axis=1))[:, None]
+    halves = seen * _share(whole)[..., None]
+    estimate = np.abs(halves[:, 0] - halves[:, 1]).max(axis=1, initial=0.0)
+    # Isolines of which one half meets no hemisphere say nothing about their error.
+    alone = (whole <= 0.0).any(axis=1)
+    estimate[alone] = np.maximum(estimate, np.abs(value).max(axis=1, initial=0.0))[alone]
+    return np.maximum(value, 0.0), estimate
+
+
+def _share(whole: np.ndarray) -> np.ndarray:
+    """pi over what isolines make of it; 0 where they meet no hemisphere."""
+    return np.divide(np.pi, whole, out=np.zeros_like(whole), where=whole > 0.0)
