@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from silint import __version__
-from silint.io import Baked, check_output, write_baked
+from silint.io import LUMINANCE, TONE_CURVE, Baked, check_output, write_baked
 from silint.validation import InputError, choice, positive_int, positive_number, unit_vector
 
 if TYPE_CHECKING:
+    from silint.environment import Environment
     from silint.integrator import SilhouetteIntegrator
     from silint.scene import Scene
 
@@ -31,7 +32,7 @@ __all__ = [
     "sites",
 ]
 
-QUANTITIES = ("ao", "sky", "bent")
+QUANTITIES = ("ao", "sky", "bent", "irradiance")
 PER = ("vertex", "face")
 METHODS = ("auto", "octahedral", "radial")
 WEIGHTINGS = ("cosine", "uniform")
@@ -42,6 +43,7 @@ _MEANINGS = {
     "ao": "ambient occlusion: visible fraction of the hemisphere; 1 = open, 0 = closed",
     "sky": "sky view factor: (1/pi) int V max(n.w,0) [up.w > 0] dw; 1 = open and level, 0 = closed",
     "bent": "bent normal: (1/pi) int V max(n.w,0) w dw; its length says how open (2/3 = fully)",
+    "irradiance": "int L V max(n.w,0) dw, linear Rec. 709: radiance of the environment times steradians",
 }
 
 
@@ -56,6 +58,7 @@ def bake(
     up: npt.ArrayLike = (0.0, 0.0, 1.0),
     tolerance: float | None = None,
     progress: Progress | None = None,
+    environment: Environment | str | os.PathLike[str] | None = None,
 ) -> dict[str, Any]:
     """Integrate over what each vertex or face of a mesh file sees, and write the results.
 
@@ -65,8 +68,9 @@ def bake(
         Any mesh that `silint.load_scene` reads.
     output : str or path-like
         A .npz, .ply or .glb file; see `silint.io.write` for what stands in each.
-    quantity : {"ao", "sky", "bent"}
-        Ambient occlusion, sky view factor, or bent normals. 1 = open, 0 = closed.
+    quantity : {"ao", "sky", "bent", "irradiance"}
+        Ambient occlusion, sky view factor, or bent normals: 1 = open, 0 = closed. Or what arrives from an
+        environment.
     per : {"vertex", "face"}
         At the file's own vertices with their normals, or at the faces' centres.
     isolines : int, optional
@@ -80,6 +84,8 @@ def bake(
         In place of isolines: take as many as every point needs to be this accurate.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
+    environment : Environment or path, optional
+        For "irradiance": a map (.hdr, .exr, ...), with its +y up.
 
     Returns
     -------
@@ -95,6 +101,7 @@ def bake(
     _check_options(quantity, per, isolines, method, weighting, tolerance)
     unit_vector(up, "up")
     check_output(output)
+    light = _environment(quantity, environment)
     if same_file(mesh_path, output):
         raise InputError(f"{output}: is the mesh itself; give the result another name")
 
@@ -107,13 +114,17 @@ def bake(
     integrator = SilhouetteIntegrator(scene)
     built = time.perf_counter()
     baked, no_normal, diagnostics = bake_scene(
-        integrator, quantity, per, isolines, method, weighting, up, tolerance, progress
+        integrator, quantity, per, isolines, method, weighting, up, tolerance, progress, light
     )
     integrated = time.perf_counter()
     write_baked(output, baked)
     written = time.perf_counter()
 
-    openness = np.linalg.norm(baked.value, axis=1) if baked.value.ndim == 2 else baked.value
+    told = baked.value
+    if quantity == "bent":
+        told = np.linalg.norm(told, axis=1)
+    elif quantity == "irradiance":
+        told = told @ LUMINANCE
     return {
         "mesh": os.fspath(mesh_path),
         "output": os.fspath(output),
@@ -122,9 +133,9 @@ def bake(
         "n_faces": scene.n_faces,
         "n_points": len(baked.value),
         "without_normal": no_normal,
-        "mean": float(openness.mean()),
-        "min": float(openness.min()),
-        "max": float(openness.max()),
+        "mean": float(told.mean()),
+        "min": float(told.min()),
+        "max": float(told.max()),
         "seconds": {
             "load": loaded - start,
             "build": built - loaded,
@@ -146,6 +157,7 @@ def bake_scene(
     up: npt.ArrayLike = (0.0, 0.0, 1.0),
     tolerance: float | None = None,
     progress: Progress | None = None,
+    environment: Environment | None = None,
 ) -> tuple[Baked, int, dict[str, Any]]:
     """As `bake`, of a scene in memory, and without writing anything.
 
@@ -153,20 +165,21 @@ def bake_scene(
     ----------
     integrator : SilhouetteIntegrator
         Of the scene whose vertices or faces are wanted.
-    quantity, per, isolines, method, weighting, up, tolerance, progress
+    quantity, per, isolines, method, weighting, up, tolerance, progress, environment
         As in `bake`.
 
     Returns
     -------
     baked : Baked
         A row for each vertex or face of the scene. Where there is no normal (a vertex without faces, a face
-        without area) ambient occlusion and sky are 1, and the bent normal is 0.
+        without area) ambient occlusion and sky are 1, bent normal and irradiance 0.
     without_normal : int
         How many such rows there are.
     diagnostics : dict
         The integrator's own counts.
     """
     _check_options(quantity, per, isolines, method, weighting, tolerance)
+    light = _environment(quantity, environment)
     scene = integrator.scene
     points, normals, valid = sites(scene, per)
     options: dict[str, Any] = {
@@ -179,13 +192,16 @@ def bake_scene(
         options["weighting"] = weighting
     elif quantity == "sky":
         options["up"] = up
+    elif quantity == "irradiance":
+        options["environment"] = light
     queries: dict[str, Callable[..., Any]] = {
         "ao": integrator.ambient_occlusion,
         "sky": integrator.sky_view_factor,
         "bent": integrator.bent_normals,
+        "irradiance": integrator.irradiance,
     }
     result = queries[quantity](points[valid], normals[valid], full_output=True, **options)
-    value = np.full((len(points), *result.value.shape[1:]), 0.0 if quantity == "bent" else 1.0)
+    value = np.full((len(points), *result.value.shape[1:]), 1.0 if quantity in ("ao", "sky") else 0.0)
     value[valid] = result.value
     metadata = {
         "software": f"silint {__version__}",
@@ -197,9 +213,23 @@ def bake_scene(
         "method": method,
         "weighting": weighting if quantity == "ao" else "cosine",
         **({"up": [float(x) for x in unit_vector(up, "up")]} if quantity == "sky" else {}),
+        **({"environment": light.name, "colours": TONE_CURVE} if light is not None else {}),
     }
     baked = Baked(quantity, per, value, points, normals, scene.vertices, scene.faces, metadata)
     return baked, int(np.count_nonzero(~valid)), dict(result.diagnostics)
+
+
+def _environment(quantity: str, given: Environment | str | os.PathLike[str] | None) -> Environment | None:
+    """The environment of an irradiance, read from its file if need be."""
+    if quantity != "irradiance":
+        if given is not None:
+            raise InputError(f"environment given; only quantity 'irradiance' has one, this is {quantity!r}")
+        return None
+    if given is None:
+        raise InputError("quantity 'irradiance' needs an environment: a map (.hdr, .exr), or Environment")
+    from silint.environment import Environment
+
+    return given if isinstance(given, Environment) else Environment.from_file(given)
 
 
 def _check_options(

@@ -164,7 +164,9 @@ def _demo(
 def _bake(
     mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb")],
-    quantity: Annotated[str, typer.Option(help="ao, sky (sky view factor) or bent (bent normals).")] = "ao",
+    quantity: Annotated[
+        str, typer.Option(help="ao, sky (sky view factor), bent (bent normals), irradiance, or sh (as prt).")
+    ] = "ao",
     per: Annotated[str, typer.Option(help="vertex or face.")] = "vertex",
     isolines: Annotated[int | None, typer.Option(help="More are more accurate; 64 by default.")] = None,
     tolerance: Annotated[
@@ -173,12 +175,23 @@ def _bake(
     method: Annotated[str, typer.Option(help="auto, radial or octahedral.")] = "auto",
     weighting: Annotated[str, typer.Option(help="Of ao: cosine or uniform.")] = "cosine",
     up: Annotated[tuple[float, float, float], typer.Option(help="Of sky: where it is.")] = (0.0, 0.0, 1.0),
+    envmap: Annotated[
+        str | None, typer.Option(metavar="MAP", help="Of irradiance: .hdr .exr .png .jpg.")
+    ] = None,
+    envmap_up: Annotated[str, typer.Option(help="Where the map's top goes: y or z.")] = "y",
+    envmap_rotate: Annotated[float, typer.Option(help="Degrees about that axis.")] = 0.0,
     as_json: JsonFlag = False,
 ) -> None:
-    """Bake ambient occlusion, sky view factors or bent normals of a mesh into a file."""
+    """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
+    if quantity == "sh" and tolerance is None and envmap is None:
+        lines = 64 if isolines is None else isolines
+        _prt(mesh, output, per=per, isolines=lines, method=method, weighting=weighting, as_json=as_json)
+        return
     with _bar() as bar:
         from silint.bake import bake
+        from silint.environment import Environment
 
+        environment = None if envmap is None else Environment.from_file(envmap, envmap_up, envmap_rotate)
         summary = bake(
             mesh,
             output,
@@ -190,17 +203,19 @@ def _bake(
             up,
             tolerance,
             progress=_stage(bar, "baking"),
+            environment=environment,
         )
     if as_json:
         _print_json(summary)
         return
     sites = "vertices" if per == "vertex" else "faces"
+    meaning = "luminance of radiance x sr" if quantity == "irradiance" else "1 is open, 0 is closed"
     print(
         f"{quantity} at {summary['n_points']:,} {sites}: mean {summary['mean']:.4f}, "
-        f"from {summary['min']:.4f} to {summary['max']:.4f}; 1 is open, 0 is closed"
+        f"from {summary['min']:.4f} to {summary['max']:.4f}; {meaning}"
     )
     if summary["without_normal"]:
-        told = "0" if quantity == "bent" else "1"
+        told = "1" if quantity in ("ao", "sky") else "0"
         print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
     _print_costs(summary)
     print(f"wrote {output}")

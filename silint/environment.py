@@ -23,6 +23,8 @@ from silint.core.integrands.light import LightTable, constant_light, texel_light
 from silint.core.prefix_table import NODES_PER_QUARTER
 from silint.core.texel_table import cells_per_quarter
 from silint.io.images import read_image
+from silint.radiance_map import MOST_ROWS, clamped_radiance, map_array
+from silint.sh import MAX_DEGREE, project_samples
 from silint.skies import Sun, draw_sky
 from silint.validation import (
     InputError,
@@ -48,8 +50,8 @@ UP_AXES = ("y", "z")
 _FRAMES = {"y": np.eye(3), "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
 
 _CONSTANT_HEIGHT = 64  # rows that a constant shows in `texels`
-_MOST_ROWS = 1 << 15
 _TABLES_KEPT = 4
+_CHUNK = 1 << 16  # texels projected to harmonics at a time
 
 
 class Texels(NamedTuple):
@@ -186,7 +188,7 @@ class Environment:
         -------
         Environment
         """
-        height = positive_int(height, "height", maximum=_MOST_ROWS)
+        height = positive_int(height, "height", maximum=MOST_ROWS)
         step = max(1, (1 << 16) // height)
         pieces = []
         for first in range(0, height, step):
@@ -337,6 +339,26 @@ class Environment:
             np.repeat(equirect.solid_angles(height), width),
         )
 
+    def sh(self, max_degree: int = 4) -> FloatArray:
+        """Spherical harmonics of the radiance, to be multiplied with `sh_transfer`; see `silint.sh`.
+
+        Every texel counts at its centre: degree l is off by about (l / H)^2 of itself.
+
+        Returns
+        -------
+        ((L + 1)^2, 3) float64
+        """
+        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        texels = self.texels()
+        found = np.zeros(((degree + 1) ** 2, self.channels))
+        if self.is_constant:
+            found[0] = np.sqrt(4.0 * np.pi) * self._first
+            return self._three(found)
+        for i in range(0, len(texels.directions), _CHUNK):
+            part = Texels(*(rows[i : i + _CHUNK] for rows in texels))
+            found += project_samples(part.directions, part.radiance, degree, part.solid_angle)
+        return self._three(found)
+
     def moment_table(self, isolines: int) -> LightTable:
         """Prefix sums of L w along that many octahedral isolines; the latest few are kept.
 
@@ -394,7 +416,7 @@ def _unit_rows(rows: npt.ArrayLike, name: str) -> FloatArray:
 
 def _from_texels(data: npt.ArrayLike, rotation: FloatArray, name: str, argument: str) -> Environment:
     """Check, clamp and store a map; `argument` is what messages call it."""
-    texels, clamped = _clamp(_map_array(data, argument), argument)
+    texels, clamped = clamped_radiance(map_array(data, argument), argument)
     if clamped:
         warnings.warn(
             f"{name}: {clamped} of {texels.shape[0] * texels.shape[1]} texels had negative, NaN or infinite "
@@ -404,48 +426,6 @@ def _from_texels(data: npt.ArrayLike, rotation: FloatArray, name: str, argument:
     if texels.shape[2] == 3 and (texels[..., :1] == texels[..., 1:]).all():
         texels = texels[..., :1]
     return Environment(_read_only(texels), rotation, name, clamped)
-
-
-def _map_array(data: npt.ArrayLike, argument: str) -> npt.NDArray[Any]:
-    """`data` as a new (H, 2 H, 1 or 3) array of float32 or float64."""
-    expected = "expected (H, 2 H, 3) or (H, 2 H)"
-    try:
-        array = np.asarray(data)
-    except (ValueError, TypeError):  # ragged rows
-        raise InputError(f"{argument} is not a rectangular array of numbers; {expected}") from None
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"{argument} has dtype {array.dtype}; expected real numbers, (H, 2 H, 3)")
-    if array.ndim == 2:
-        array = array[..., None]
-    if array.ndim != 3 or array.size == 0:
-        raise InputError(f"{argument} has shape {np.shape(data)}; {expected}")
-    height, width, channels = array.shape
-    if channels not in (1, 3):
-        hint = "; leave alpha out" if channels in (2, 4) else ""
-        raise InputError(f"{argument} has {channels} channels, shape {array.shape}; {expected}{hint}")
-    if width != 2 * height:
-        raise InputError(
-            f"{argument} is {width} x {height} texels; expected an equirectangular map, twice as wide as high"
-        )
-    if height > _MOST_ROWS:
-        raise InputError(f"{argument} has {height} rows; at most {_MOST_ROWS} are supported")
-    small = array.dtype.kind == "f" and array.dtype.itemsize <= 4
-    with np.errstate(over="ignore"):  # long double beyond the range becomes inf
-        return np.array(array, dtype=np.float32 if small else np.float64, order="C")
-
-
-def _clamp(texels: npt.NDArray[Any], argument: str) -> tuple[npt.NDArray[Any], int]:
-    """Make all radiances finite and not negative, in place; also how many texels that changed."""
-    too_small = ~(texels >= 0.0)
-    infinite = texels == np.inf
-    clamped = int((too_small | infinite).any(axis=2).sum())
-    texels[too_small] = 0.0
-    texels[infinite] = 0.0
-    largest = texels.max()
-    if largest == 0.0:
-        raise InputError(f"{argument} has no texel with a finite radiance above 0; expected some light")
-    texels[infinite] = largest
-    return texels, clamped
 
 
 def _sky(
@@ -463,7 +443,7 @@ def _sky(
         raise InputError(f"ground_albedo is {albedo.tolist()}; expected numbers from 0 to 1")
     if not radiance.any() and sun is None:
         raise InputError("zenith is 0 and there is no sun; expected some light")
-    height = positive_int(height, "height", minimum=2, maximum=_MOST_ROWS)
+    height = positive_int(height, "height", minimum=2, maximum=MOST_ROWS)
     if height % 2:
         raise InputError(f"height is {height}; expected an even number of rows")
     frame = _frame(up, 0.0)

@@ -120,6 +120,7 @@ def render(
     azimuth: float = _AZIMUTH,
     elevation: float = _ELEVATION,
     normals: npt.ArrayLike | None = None,
+    shaded: bool = True,
 ) -> None:
     """Draw a mesh with a colour at each vertex or face into a .png file.
 
@@ -140,6 +141,8 @@ def render(
         In degrees: where the camera stands.
     normals : array_like, shape (V, 3), optional
         Round off the shading, and are not zero; without them faces look flat.
+    shaded : bool
+        With a soft light of the picture's own; without, the colours are the picture's radiance as they are.
 
     Raises
     ------
@@ -162,8 +165,10 @@ def render(
 
     image = _background(rows, columns)
     screen = _projected(corners, camera, rows, columns)
-    shaded = corner_colors * _shading(corners, smooth, camera, unit_vector(up, "up"))
-    _rasterise(screen, shaded, np.full((rows, columns), np.inf), image)
+    axis = unit_vector(up, "up")
+    if shaded:
+        corner_colors = corner_colors * _shading(corners, smooth, camera, axis)
+    _rasterise(screen, corner_colors, np.full((rows, columns), np.inf), image)
     write_bytes(target, _png(image))
 
 

@@ -8,8 +8,10 @@ import pytest
 import trimesh
 
 import silint
+from silint import Environment
 from silint.bake import bake, bake_scene
-from silint.io import read_mesh, read_values
+from silint.io import LUMINANCE, TONE_CURVE, read_mesh, read_values
+from silint.io.glb import read_glb
 from silint.validation import InputError
 
 
@@ -56,6 +58,43 @@ def test_a_baked_file_holds_what_the_integrator_says(folder, per, quantity, quer
     json.dumps(summary)
 
 
+@pytest.mark.parametrize("per", ["vertex", "face"])
+@pytest.mark.parametrize("suffix", [".npz", ".ply", ".glb"])
+def test_irradiance_is_baked_beside_its_colours(folder, per, suffix):
+    """Raw values in every format; colours by the curve that the metadata states."""
+    light = Environment.from_function(
+        lambda w: np.stack([2 + w[:, 1], 1 + 0 * w[:, 0], 3 - w[:, 2]], axis=1), 16
+    )
+    out = folder / f"light-{per}{suffix}"
+    summary = bake(folder / "scene.obj", out, "irradiance", per, isolines=16, environment=light)
+    integrator = silint.SilhouetteIntegrator(folder / "scene.obj")
+    baked, without, _ = bake_scene(integrator, "irradiance", per, 16, environment=light)
+    assert without == 1 and (baked.value[~baked.normals.any(axis=1)] == 0.0).all()
+    luminance = baked.value @ LUMINANCE
+    assert summary["mean"] == pytest.approx(luminance.mean())
+    assert summary["colours"] == TONE_CURVE
+    value = read_values(out, "irradiance")
+    want = np.repeat(baked.value, 3, axis=0) if (per, suffix) == ("face", ".glb") else baked.value
+    np.testing.assert_allclose(value, want, rtol=1e-6 if suffix == ".glb" else 0)
+    if suffix == ".glb":
+        colours = read_glb(out.read_bytes()).attributes["COLOR_0"]
+        np.testing.assert_allclose(colours, 1.0 - np.exp(-want / luminance.mean()), atol=1e-6)
+
+
+def test_a_map_file_lights_a_bake(folder):
+    """An .hdr of one grey: pi L times ambient occlusion, in all three channels."""
+    sky = folder / "grey.hdr"
+    texel = bytes([128, 128, 128, 129])  # 2^(129 - 128) * 128 / 256 = 1
+    sky.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + texel * 32)
+    bake(folder / "scene.obj", folder / "lit.npz", "irradiance", isolines=16, environment=sky)
+    bake(folder / "scene.obj", folder / "open.npz", "ao", isolines=16, method="octahedral")
+    lit, ao = read_values(folder / "lit.npz", "irradiance"), read_values(folder / "open.npz", "ao")
+    used = lit.any(axis=1) | (ao < 1.0)
+    level = lit[used] / (np.pi * ao[used, None])
+    np.testing.assert_allclose(level, level[0, 0], rtol=1e-12)
+    assert level[0, 0] == pytest.approx(1.0, rel=0.01)  # RGBE holds the middle of its step or its end
+
+
 def test_options_reach_the_integrator(folder):
     integrator = silint.SilhouetteIntegrator(folder / "scene.obj")
     uniform = bake_scene(integrator, isolines=16, weighting="uniform")[0].value
@@ -90,7 +129,10 @@ def test_a_baked_mesh_can_be_read_and_baked_again(folder, suffix):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"quantity": "sh"}, "quantity is 'sh'; expected one of 'ao', 'sky', 'bent'"),
+        ({"quantity": "sh"}, "quantity is 'sh'; expected one of 'ao', 'sky', 'bent', 'irradiance'"),
+        ({"quantity": "irradiance"}, "quantity 'irradiance' needs an environment"),
+        ({"environment": "sky.hdr"}, "environment given; only quantity 'irradiance' has one"),
+        ({"quantity": "irradiance", "environment": "no such.hdr"}, "no such.hdr"),
         ({"per": "edge"}, "per is 'edge'"),
         ({"isolines": 0}, "isolines is 0"),
         ({"isolines": 8.0}, "isolines is 8.0"),

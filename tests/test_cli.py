@@ -94,6 +94,24 @@ def test_bake_tells_json_and_nothing_else(here, capfd):
     assert set(summary["seconds"]) == {"load", "build", "integrate", "write"}
 
 
+def test_bake_irradiance_from_a_map(here, capfd):
+    texel = bytes([128, 128, 128, 129])
+    (here / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + texel * 32)
+    code, out, err = run(
+        capfd, "bake", "box.ply", "-o", "lit.ply", "--quantity", "irradiance", "--envmap", "sky.hdr",
+        "--envmap-up", "z", "--envmap-rotate", "30", "--isolines", "8",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "luminance of radiance x sr" in out
+    np.testing.assert_allclose(read_values("lit.ply", "irradiance"), np.pi, rtol=0.01)
+
+
+def test_bake_harmonics_as_prt_does(here, capfd):
+    code, _, err = run(capfd, "bake", "box.ply", "-o", "sh.npz", "--quantity", "sh", "--isolines", "8")
+    assert (code, err) == (0, "")
+    assert silint.Transfer.load("sh.npz").coefficients.shape == (8, 9)
+
+
 def test_info(here, capfd):
     code, out, err = run(capfd, "info", "box.ply", "--json")
     assert (code, err) == (0, "")
@@ -129,6 +147,9 @@ BAKE = ("bake", "box.ply", "-o", "out.ply")
         ((*BAKE, "--isolines", "-3"), "isolines is -3"),
         ((*BAKE, "--isolines", "many"), "--isolines"),
         ((*BAKE, "--quantity", "shine"), "quantity is 'shine'; expected one of"),
+        ((*BAKE, "--quantity", "irradiance"), "needs an environment"),
+        ((*BAKE, "--envmap", "none.hdr"), "none.hdr"),
+        ((*BAKE, "--quantity", "irradiance", "--envmap", "box.ply"), "box.ply"),
         ((*BAKE, "--per", "edge"), "per is 'edge'"),
         ((*BAKE, "--method", "guess"), "method is 'guess'"),
         ((*BAKE, "--weighting", "heavy"), "weighting is 'heavy'"),

@@ -520,3 +520,28 @@ def test_refusals(call: object, message: str) -> None:
 
 def test_no_directions_at_all() -> None:
     assert MAP.radiance([]).shape == MAP.irradiance(np.empty((0, 3))).shape == (0, 3)
+
+
+def test_harmonics_of_constant_and_smooth_light() -> None:
+    """Texels' centres stand for texels: 128 rows are off by 1e-4."""
+    constant = Environment.constant((1.0, 2.0, 3.0)).sh(4)
+    assert constant.shape == (25, 3)
+    np.testing.assert_allclose(constant[0], np.sqrt(4 * np.pi) * np.array([1, 2, 3]), rtol=1e-15)
+    assert not constant[1:].any()
+    tilted = Environment.from_function(lambda w: 2.0 + w[:, 2], 128).sh(2)
+    want = np.zeros(9)
+    want[0], want[2] = 2.0 * np.sqrt(4 * np.pi), np.sqrt(4 * np.pi / 3)
+    np.testing.assert_allclose(tilted, np.repeat(want[:, None], 3, axis=1), atol=2e-4 * want[0])
+
+
+def test_harmonics_turn_with_the_environment() -> None:
+    light = Environment.from_function(lambda w: 1.5 + w[:, 0] * w[:, 1] + 0.2 * w[:, 2], 128)
+    rotation = Rotation.from_rotvec([0.4, 0.8, -0.2]).as_matrix()
+    got, want = light.rotated(rotation).sh(4), silint.sh.rotate(light.sh(4), rotation, axis=0)
+    np.testing.assert_allclose(got, want, atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [-1, 17, 2.5])
+def test_degrees_out_of_range(degree: float) -> None:
+    with pytest.raises(InputError, match="max_degree is"):
+        Environment.constant().sh(degree)  # type: ignore[arg-type]

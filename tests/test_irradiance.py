@@ -201,3 +201,12 @@ def test_refusals(scene: SilhouetteIntegrator, question: Any, options: dict[str,
     with pytest.raises(InputError, match=told.replace("(", r"\(")) as caught:
         scene.irradiance(*question, **{"environment": Environment.constant(1.0), **options})
     assert "\n" not in str(caught.value)
+
+
+def test_transfer_times_harmonics_is_irradiance_over_pi(scene: SilhouetteIntegrator, question: Any) -> None:
+    """Light of degree 2 is all in 9 numbers; both sides err by 512 isolines."""
+    light = Environment.from_function(smooth_light, 128)
+    transfer = scene.sh_transfer(*question, max_degree=2, isolines=512)
+    direct = scene.irradiance(*question, light, isolines=512)
+    difference = np.pi * transfer @ light.sh(2) - direct
+    assert np.sqrt(np.mean(difference**2)) < 1e-3 * direct.mean()

@@ -5,11 +5,13 @@ error nor Ctrl-C leaves half a file, and an older result stays until the new one
 
 ==========  =====================================================================================
 ``.npz``    ``value``, ``points``, ``normals`` (float64) and ``metadata``, a JSON string
-``.ply``    binary; the value as properties of vertices or faces in double (``ao``, ``sky``, or
-            ``bent_x bent_y bent_z``), positions as the mesh has them, ``nx ny nz``, and 8-bit
-            colours for viewers; the metadata stands in a ``comment silint`` line
-``.glb``    float32 ``_AO``, ``_SKY`` or ``_BENT`` and ``COLOR_0`` (linear, as glTF asks: grey, and for
-            bent normals (b + 1) / 2); results for faces unshare the vertices, three for each face
+``.ply``    binary; the value as properties of vertices or faces in double (``ao``, ``sky``,
+            ``bent_x bent_y bent_z``, ``irradiance_r irradiance_g irradiance_b``), positions as the
+            mesh has them, ``nx ny nz``, and 8-bit colours for viewers; the metadata stands in a
+            ``comment silint`` line
+``.glb``    float32 ``_AO``, ``_SKY``, ``_BENT`` or ``_IRRADIANCE`` and ``COLOR_0`` (linear, as glTF
+            asks: grey, for bent normals (b + 1) / 2, for irradiance `TONE_CURVE`); results for faces
+            unshare the vertices, three for each face
 ==========  =====================================================================================
 
 `read_values` reads all three. Other readers of .ply: trimesh puts properties that it does not know under
@@ -35,7 +37,9 @@ from silint.io.ply import Field, ply_bytes, position_type
 from silint.validation import InputError
 
 __all__ = [
+    "LUMINANCE",
     "OUTPUT_SUFFIXES",
+    "TONE_CURVE",
     "Baked",
     "check_output",
     "discard_unfinished",
@@ -47,6 +51,11 @@ __all__ = [
 
 OUTPUT_SUFFIXES = (".npz", ".ply", ".glb")
 
+# Of linear Rec. 709.
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+# How irradiance becomes a colour: 63 % of white at the mean.
+TONE_CURVE = "1 - exp(-value / m) with m the mean luminance of all values, linear"
+
 # Temporary files being written, for `discard_unfinished`.
 _unfinished: set[Path] = set()
 
@@ -55,7 +64,7 @@ class Baked(NamedTuple):
     """One quantity on a mesh, and what a file says about it."""
 
     quantity: str
-    """``ao``, ``sky`` or ``bent``: names the property."""
+    """``ao``, ``sky``, ``bent`` or ``irradiance``: names the property."""
     per: str
     """``vertex`` or ``face``."""
     value: npt.NDArray[np.float64]
@@ -211,7 +220,7 @@ def read_values(path: str | os.PathLike[str], quantity: str) -> npt.NDArray[np.f
     path : str or path-like
         An .npz, .ply or .glb file.
     quantity : str
-        ``ao``, ``sky`` or ``bent``.
+        ``ao``, ``sky``, ``bent`` or ``irradiance``.
 
     Returns
     -------
@@ -245,11 +254,16 @@ def _temporary_name(target: Path) -> Path:
 
 
 def _property_names(quantity: str) -> tuple[str, ...]:
-    return ("bent_x", "bent_y", "bent_z") if quantity == "bent" else (quantity,)
+    suffixes = {"bent": "xyz", "irradiance": "rgb"}.get(quantity)
+    return tuple(f"{quantity}_{suffix}" for suffix in suffixes) if suffixes else (quantity,)
 
 
-def _colors(value: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(n, 3) in [0, 1]: grey for a fraction, and the usual (b + 1) / 2 for a direction."""
+def _colors(baked: Baked) -> npt.NDArray[np.float64]:
+    """(n, 3) in [0, 1]: grey for a fraction, (b + 1) / 2 for a direction, `TONE_CURVE` for irradiance."""
+    value = baked.value
+    if baked.quantity == "irradiance":
+        mean = float((value @ LUMINANCE).mean()) if len(value) else 0.0
+        return np.asarray(-np.expm1(-value / mean)) if mean > 0.0 else np.zeros_like(value)
     rgb = np.repeat(value[:, None], 3, axis=1) if value.ndim == 1 else 0.5 * (value + 1.0)
     return np.clip(rgb, 0.0, 1.0)
 
@@ -271,7 +285,7 @@ def _ply_bytes(baked: Baked) -> bytes:
     columns = baked.value.reshape(len(baked.value), -1)
     results: list[Field] = [(f"n{axis}", kind, baked.normals[:, i]) for i, axis in enumerate("xyz")]
     results += [(name, "double", columns[:, i]) for i, name in enumerate(_property_names(baked.quantity))]
-    eight_bit = np.rint(255.0 * _colors(baked.value))
+    eight_bit = np.rint(255.0 * _colors(baked))
     results += [(name, "uchar", eight_bit[:, i]) for i, name in enumerate(("red", "green", "blue"))]
 
     vertex: list[Field] = [(axis, kind, baked.vertices[:, i]) for i, axis in enumerate("xyz")]
@@ -297,11 +311,11 @@ def _ply_values(file: Path, names: tuple[str, ...]) -> npt.NDArray[np.float64]:
 
 
 def _glb_bytes(baked: Baked) -> bytes:
-    value, normals = baked.value, baked.normals
+    value, normals, colors = baked.value, baked.normals, _colors(baked)
     vertices, faces = baked.vertices, np.asarray(baked.faces)
     if baked.per == "face":
         vertices = vertices[faces.ravel()]
-        value, normals = np.repeat(value, 3, axis=0), np.repeat(normals, 3, axis=0)
+        value, normals, colors = (np.repeat(rows, 3, axis=0) for rows in (value, normals, colors))
         faces = np.arange(3 * len(faces)).reshape(-1, 3)
-    attributes = {"COLOR_0": _colors(value), f"_{baked.quantity.upper()}": value}
+    attributes = {"COLOR_0": colors, f"_{baked.quantity.upper()}": value}
     return glb_bytes(vertices, faces, normals, attributes, baked.metadata)
