@@ -22,7 +22,15 @@ import numpy.typing as npt
 
 from silint.core import sh_rotation
 from silint.core.sh import degrees, harmonics, hemisphere_zonal, sphere_rule
-from silint.validation import InputError, choice, normals_array, points_array, positive_int, positive_number
+from silint.validation import (
+    InputError,
+    choice,
+    normals_array,
+    points_array,
+    positive_int,
+    positive_number,
+    rotation_matrix,
+)
 
 __all__ = [
     "CONVENTIONS",
@@ -40,14 +48,12 @@ __all__ = [
 ]
 
 FloatArray = npt.NDArray[np.float64]
+Rotation = npt.ArrayLike | tuple[npt.ArrayLike, float]
 
 MAX_DEGREE = 16
 """Highest degree that is offered: 289 coefficients."""
 
 CONVENTIONS = ("silint", "condon-shortley")
-
-# Entries of R R^T may differ from the identity by this: a rotation that was stored in float32.
-_ORTHONORMAL = 1e-5
 
 
 def evaluate(directions: npt.ArrayLike, max_degree: int) -> FloatArray:
@@ -140,15 +146,15 @@ def project_samples(
     return np.asarray(fitted, dtype=np.float64)
 
 
-def rotate(coefficients: npt.ArrayLike, rotation: npt.ArrayLike, axis: int = -1) -> FloatArray:
+def rotate(coefficients: npt.ArrayLike, rotation: Rotation, axis: int = -1) -> FloatArray:
     """Coefficients of the rotated function: f(R^-1 w), which carries what f has at w to R w.
 
     Parameters
     ----------
     coefficients : array_like
         See the module.
-    rotation : array_like, shape (3, 3)
-        R, orthonormal with determinant +1.
+    rotation : array_like, shape (3, 3), or tuple (axis, degrees)
+        R, orthonormal with determinant +1, or a turn counter-clockwise about an axis.
     axis : int
 
     Returns
@@ -157,16 +163,17 @@ def rotate(coefficients: npt.ArrayLike, rotation: npt.ArrayLike, axis: int = -1)
     """
     moved, degree = _last(coefficients, axis)
     rows = moved.reshape(-1, moved.shape[-1]).copy()
-    sh_rotation.rotate_many(_rotation(rotation), degree + 1, *sh_rotation.exchange(degree), rows)
+    turn = np.ascontiguousarray(rotation_matrix(rotation, "rotation"))
+    sh_rotation.rotate_many(turn, degree + 1, *sh_rotation.exchange(degree), rows)
     return np.moveaxis(rows.reshape(moved.shape), -1, axis)
 
 
-def rotation_blocks(rotation: npt.ArrayLike, max_degree: int) -> list[FloatArray]:
+def rotation_blocks(rotation: Rotation, max_degree: int) -> list[FloatArray]:
     """What `rotate` does, as matrices: a rotation mixes only coefficients of one degree.
 
     Parameters
     ----------
-    rotation : array_like, shape (3, 3)
+    rotation : array_like, shape (3, 3), or tuple (axis, degrees)
         As for `rotate`.
     max_degree : int
         L, 0 to 16.
@@ -176,7 +183,8 @@ def rotation_blocks(rotation: npt.ArrayLike, max_degree: int) -> list[FloatArray
     list of (2 l + 1, 2 l + 1) float64, for l = 0 .. L
         Orthogonal; the new coefficients of a degree are its matrix times the old ones.
     """
-    return sh_rotation.rotation_blocks(_rotation(rotation), _degree(max_degree))
+    turn = np.ascontiguousarray(rotation_matrix(rotation, "rotation"))
+    return sh_rotation.rotation_blocks(turn, _degree(max_degree))
 
 
 def convolve(coefficients: npt.ArrayLike, zonal: npt.ArrayLike, axis: int = -1) -> FloatArray:
@@ -324,15 +332,3 @@ def _weighted_sum(basis: FloatArray, weights: FloatArray, values: FloatArray) ->
     weighted = (values.T * weights).T
     total: FloatArray = basis.T @ weighted
     return total
-
-
-def _rotation(rotation: npt.ArrayLike) -> FloatArray:
-    r = _real(rotation, "rotation")
-    if r.shape != (3, 3):
-        raise InputError(f"rotation has shape {r.shape}; expected a matrix (3, 3)")
-    off = float(np.abs(r @ r.T - np.eye(3)).max())
-    if off > _ORTHONORMAL:
-        raise InputError(f"rotation is not orthonormal: R R^T differs from the identity by {off:.1g}")
-    if np.linalg.det(r) < 0.0:
-        raise InputError("rotation has determinant -1, a reflection; expected a rotation, determinant +1")
-    return np.ascontiguousarray(r)

@@ -104,6 +104,11 @@ def test_a_rotation_kept_in_float32_will_do() -> None:
     assert np.isclose(np.linalg.norm(found), np.linalg.norm(x), rtol=1e-13)
 
 
+def test_a_turn_may_be_given_by_axis_and_degrees() -> None:
+    quarter = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    np.testing.assert_array_equal(sh.rotate(some(3), ((0, 0, 2), 90.0)), sh.rotate(some(3), quarter))
+
+
 def test_convolution_is_the_integral() -> None:
     """Radiance to irradiance: int L(w) max(n.w, 0) dw, by quadrature about n."""
     x, n = some(5), units(3, 2)
