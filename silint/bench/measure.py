@@ -329,7 +329,7 @@ def _settings(
     """All settings of both sides in turns, cheap ones first."""
     weighting, seed = options["weighting"], opponent_seed(options["seed"])
 
-    rows = _in_company(points, normals)
+    rows = in_company(points, normals)
 
     def silhouettes(method: str, k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
         result = integrator.ambient_occlusion(
@@ -367,7 +367,7 @@ def _settings(
     return [column[i] for i in range(longest) for column in columns if i < len(column)]
 
 
-def _in_company(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.intp]:
+def in_company(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.intp]:
     """Runs of neighbours, spread over all: some of the points cost as much each as they do among all.
 
     Points that are asked for together share work with their neighbours; a few picked far apart would not.

@@ -80,9 +80,13 @@ def on_surface(
     sees is left to rounding, and rays from there hit it or do not as it falls.
     """
     corners = vertices[faces]
-    square = _squared_distance(points, corners[_nearest_faces(corners, points)])
-    ulp = np.spacing(np.abs(points).max(axis=1, initial=0.0).astype(np.float32)).astype(np.float64)
-    return np.sqrt(square) < 0.25 * ULPS * ulp
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    near = 0.25 * ULPS * np.spacing(np.abs(points).max(axis=1, initial=0.0).astype(np.float32))
+    touching = np.zeros(len(points), bool)
+    for i, (p, r) in enumerate(zip(points, near.astype(np.float64), strict=True)):
+        beside = np.flatnonzero(((p >= low - r) & (p <= high + r)).all(axis=1))
+        touching[i] = (_squared_distance(p, corners[beside]) < r * r).any()
+    return touching
 
 
 def _nearest_faces(corners: FloatArray, points: FloatArray) -> npt.NDArray[np.int64]:
