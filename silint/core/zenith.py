@@ -12,7 +12,7 @@ from numba import njit
 
 from silint.core.contour import plane_side
 from silint.core.jit import INNER
-from silint.core.radial import edge_circle, in_frame, local_vertex, sector, span
+from silint.core.radial import in_frame, local_vertex, sector, span
 
 
 @njit(**INNER)
@@ -43,11 +43,10 @@ def _covers_zenith(vertices, faces, face_planes, planes, plane_errors, f, p, n, 
         or max(am, bm, cm) < -rounding
     ):
         return 0
-    winding = 0
-    for i in range(3):
-        u, v = faces[f, i], faces[f, (i + 1) % 3]
-        steps = _signed_span(vertices, min(u, v), max(u, v), p, n, frame, n_lines)
-        winding += steps if u < v else -steps
+    sa, sb, sc = sector(at, am, n_lines), sector(bt, bm, n_lines), sector(ct, cm, n_lines)
+    winding = _signed_span(vertices, a, b, at, am, bt, bm, sa, sb, frame, n_lines)
+    winding += _signed_span(vertices, b, c, bt, bm, ct, cm, sb, sc, frame, n_lines)
+    winding += _signed_span(vertices, c, a, ct, cm, at, am, sc, sa, frame, n_lines)
     if winding == 0:
         return 0
     code = face_planes[f]
@@ -57,15 +56,21 @@ def _covers_zenith(vertices, faces, face_planes, planes, plane_errors, f, p, n, 
 
 
 @njit(**INNER)
-def _signed_span(vertices, a, b, p, n, frame, n_lines):
-    at, am, aa, _ = local_vertex(vertices, a, p, n, frame)
-    bt, bm, _, _ = local_vertex(vertices, b, p, n, frame)
-    et, em, ea = in_frame(
+def _signed_span(vertices, a, b, at, am, bt, bm, sector_a, sector_b, frame, n_lines):
+    """Lines from a to b, negative to the right; counted from the lower vertex on, as crossings are."""
+    if a > b:
+        return -_signed_span_up(vertices, b, a, bt, bm, sector_b, sector_a, frame, n_lines)
+    return _signed_span_up(vertices, a, b, at, am, sector_a, sector_b, frame, n_lines)
+
+
+@njit(**INNER)
+def _signed_span_up(vertices, a, b, at, am, sector_a, sector_b, frame, n_lines):
+    et, em, _ = in_frame(
         vertices[b, 0] - vertices[a, 0],
         vertices[b, 1] - vertices[a, 1],
         vertices[b, 2] - vertices[a, 2],
         frame,
     )
-    _, _, turn = edge_circle(at, am, aa, et, em, ea)
-    _, steps, left = span(sector(at, am, n_lines), sector(bt, bm, n_lines), turn, n_lines)
+    # N_A as in radial.edge_circle.
+    _, steps, left = span(sector_a, sector_b, at * em - am * et, n_lines)
     return steps if left else -steps
