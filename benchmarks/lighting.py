@@ -22,9 +22,9 @@ from silint.demo import demo_scene
 from silint.prt import prt
 from silint.render import render
 
-SUN = (0.55, -0.6, 0.6)
+SUN = (-0.75, -0.35, 0.5)
 DEGREE = 4
-TURNS = (-60.0, 0.0)
+TURNS = (100.0, 0.0)
 ISOLINES = (64, 512)
 
 
@@ -39,7 +39,9 @@ def main() -> None:
     if options.envmap:
         sky = silint.Environment.from_file(options.envmap, up="z")
     else:
-        sky = silint.Environment.cie_clear_sky(SUN, sun_irradiance=4.0, up="z", ground_albedo=0.2)
+        sky = silint.Environment.cie_clear_sky(
+            SUN, zenith=(0.35, 0.6, 1.0), sun_irradiance=(16.0, 13.0, 9.0), up="z", ground_albedo=0.15
+        )
     integrator = silint.SilhouetteIntegrator(demo_scene())
     scene = integrator.scene
     normals, valid = scene.vertex_normals()
@@ -56,7 +58,7 @@ def main() -> None:
         exitant = np.zeros((scene.n_vertices, 3))
         exitant[valid] = integrator.irradiance(scene.vertices[valid], normals[valid], sky, isolines) / np.pi
         pictures.append(exitant)
-    exposure = 0.6 / np.mean(pictures[-1])
+    exposure = 0.45 / np.mean(pictures[-1])
     tiles = []
     for picture in pictures:
         tiles.append(_drawn(scene, 1.0 - np.exp(-exposure * picture), options.size))
