@@ -27,6 +27,7 @@ __all__ = [
     "WEIGHTINGS",
     "bake",
     "bake_scene",
+    "load_and_build",
     "peak_memory",
     "same_file",
     "sites",
@@ -105,20 +106,14 @@ def bake(
     if same_file(mesh_path, output):
         raise InputError(f"{output}: is the mesh itself; give the result another name")
 
-    from silint.integrator import SilhouetteIntegrator
-    from silint.scene import load_scene
-
-    start = time.perf_counter()
-    scene = load_scene(mesh_path)
-    loaded = time.perf_counter()
-    integrator = SilhouetteIntegrator(scene)
-    built = time.perf_counter()
+    integrator, seconds = load_and_build(mesh_path)
+    began = time.perf_counter()
     baked, no_normal, diagnostics = bake_scene(
         integrator, quantity, per, isolines, method, weighting, up, tolerance, progress, light
     )
     integrated = time.perf_counter()
     write_baked(output, baked)
-    written = time.perf_counter()
+    seconds |= {"integrate": integrated - began, "write": time.perf_counter() - integrated}
 
     told = baked.value
     if quantity == "bent":
@@ -129,19 +124,14 @@ def bake(
         "mesh": os.fspath(mesh_path),
         "output": os.fspath(output),
         **baked.metadata,
-        "n_vertices": scene.n_vertices,
-        "n_faces": scene.n_faces,
+        "n_vertices": integrator.scene.n_vertices,
+        "n_faces": integrator.scene.n_faces,
         "n_points": len(baked.value),
         "without_normal": no_normal,
         "mean": float(told.mean()),
         "min": float(told.min()),
         "max": float(told.max()),
-        "seconds": {
-            "load": loaded - start,
-            "build": built - loaded,
-            "integrate": integrated - built,
-            "write": written - integrated,
-        },
+        "seconds": seconds,
         "peak_memory_bytes": peak_memory(),
         "diagnostics": diagnostics,
     }
@@ -255,6 +245,18 @@ def sites(
         normals, valid = scene.vertex_normals()
         points = scene.vertices
     return points, np.where(valid[:, None], normals, 0.0), valid
+
+
+def load_and_build(mesh_path: str | os.PathLike[str]) -> tuple[SilhouetteIntegrator, dict[str, float]]:
+    """An integrator for a mesh file, and the seconds that it took, by step."""
+    from silint.integrator import SilhouetteIntegrator
+    from silint.scene import load_scene
+
+    start = time.perf_counter()
+    scene = load_scene(mesh_path)
+    loaded = time.perf_counter()
+    integrator = SilhouetteIntegrator(scene)
+    return integrator, {"load": loaded - start, "build": time.perf_counter() - loaded}
 
 
 def peak_memory() -> int | None:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint import __version__
-from silint.bake import PER, WEIGHTINGS, peak_memory, same_file, sites
+from silint.bake import PER, WEIGHTINGS, load_and_build, peak_memory, same_file, sites
 from silint.io.prt_files import (
     MAX_DEGREE,
     TransferArrays,
@@ -228,18 +228,12 @@ def prt_file(
     if same_file(mesh_path, output):
         raise InputError(f"{output}: is the mesh itself; give the result another name")
 
-    from silint.integrator import SilhouetteIntegrator
-    from silint.scene import load_scene
-
-    start = time.perf_counter()
-    scene = load_scene(mesh_path)
-    loaded = time.perf_counter()
-    integrator = SilhouetteIntegrator(scene)
-    built = time.perf_counter()
+    integrator, seconds = load_and_build(mesh_path)
+    began = time.perf_counter()
     transfer = prt(integrator, max_degree, per, isolines, weighting, method, progress)
     integrated = time.perf_counter()
     files = transfer.save(output)
-    written = time.perf_counter()
+    seconds |= {"integrate": integrated - began, "write": time.perf_counter() - integrated}
 
     openness = transfer.openness()[transfer.normals.any(axis=1)]
     return {
@@ -250,8 +244,8 @@ def prt_file(
         "per": per,
         "weighting": weighting,
         **{name: transfer.metadata[name] for name in ("isolines", "method")},
-        "n_vertices": scene.n_vertices,
-        "n_faces": scene.n_faces,
+        "n_vertices": integrator.scene.n_vertices,
+        "n_faces": integrator.scene.n_faces,
         "n_points": len(transfer),
         "without_normal": transfer.diagnostics["without_normal"],
         # Of those that have a normal; a mesh of needles may have none.
@@ -261,12 +255,7 @@ def prt_file(
             "max": float(openness.max(initial=0.0)),
         },
         "files": [{"path": os.fspath(file), "bytes": file.stat().st_size} for file in files],
-        "seconds": {
-            "load": loaded - start,
-            "build": built - loaded,
-            "integrate": integrated - built,
-            "write": written - integrated,
-        },
+        "seconds": seconds,
         "peak_memory_bytes": peak_memory(),
         "diagnostics": dict(transfer.diagnostics),
     }
