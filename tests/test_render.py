@@ -77,6 +77,14 @@ def test_colours_of_faces_are_flat_and_grey_is_three_equal_channels(tmp_path):
     assert np.array_equal(pixels(tmp_path, SQUARE, HALVES, grey), pixels(tmp_path, SQUARE, HALVES, rgb))
 
 
+def test_unshaded_colours_are_shown_as_they_are(tmp_path):
+    """Linear 0.2140 is half way up the sRGB curve; shading would take something off it."""
+    colors = np.tile([0.21404, 0.0, 1.0], (4, 1))
+    picture = pixels(tmp_path, SQUARE, HALVES, colors, shaded=False, **FRONT)
+    np.testing.assert_allclose(picture[24, 32], [0.5, 0.0, 1.0], atol=1 / 255)
+    assert picture[24, 32, 2] > pixels(tmp_path, SQUARE, HALVES, colors, **FRONT)[24, 32, 2]
+
+
 def test_edges_are_smoothed(tmp_path):
     # A slanted edge between black and white, so that some pixels are cut.
     colors = np.array([0.0, 1.0])
