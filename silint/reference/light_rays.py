@@ -6,7 +6,6 @@ an interval of y = cos(theta) and one of phi, so that its solid angle is the pro
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +17,10 @@ __all__ = ["LightSampler", "add_light", "light_sampler", "make_light_rays", "tex
 # Rec. 709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
-# Maps with fewer rows are drawn finer, so that half a column's angle is small enough for `_rotated`.
+# Maps with fewer rows are drawn finer, so that half a column's angle is small enough for `_to_scene`.
 _FEWEST_ROWS = 64
+
+_BLOCK = 256  # directions looked up together
 
 # Luminance this little above the mean is rounding.
 _ROUNDING = 1e-9
@@ -118,24 +119,6 @@ def _guides(cdfs):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _invert(cdf, guide, x):
-    """Interval of a distribution that x in [0, 1) lies in, and how far along it: two steps on average."""
-    i = guide[int(x * len(guide))]
-    while cdf[i + 1] <= x:
-        i += 1
-    return i, (x - cdf[i]) / (cdf[i + 1] - cdf[i])
-
-
-@njit(cache=True, nogil=True)
-def _rotated(c, s, angle):
-    """Cosine and sine of an angle turned on by another, of at most pi / 128: to 1e-12."""
-    a2 = angle * angle
-    dc = 1.0 - a2 * (1.0 / 2 - a2 * (1.0 / 24 - a2 * (1.0 / 720)))
-    ds = angle * (1.0 - a2 * (1.0 / 6 - a2 * (1.0 / 120)))
-    return c * dc - s * ds, s * dc + c * ds
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def make_light_rays(
     origins, normals, first, second, shifts, light, ray_origins, ray_directions, texels, counts
 ):
@@ -150,36 +133,65 @@ def make_light_rays(
     phi = np.pi * ((2.0 * np.arange(width) + 1.0) / width - 1.0)
     cos_phi, sin_phi = np.cos(phi), np.sin(phi)
     step = 2.0 * np.pi / width
-    r = light.rotation
+    row_cdf, row_guide = light.row_cdf, light.row_guide
+    column_cdf, column_guide = light.column_cdf, light.column_guide
+    m = len(first)
+    texel = np.empty(m, np.int32)
+    h, c, s, angle = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
+    w0, w1, w2, cosine = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     k = 0
     for i in range(len(origins)):
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-        start = k
-        for j in range(len(first)):
+        for j in range(m):
             # Signed: the half of the axis that a bit names changes sides, another digital shift.
             a = np.float64(np.int32(first[j] ^ shifts[i, 0])) * 2.0**-32 + (0.5 + 2.0**-33)
             b = np.float64(np.int32(second[j] ^ shifts[i, 1])) * 2.0**-32 + (0.5 + 2.0**-33)
-            row, down = _invert(light.row_cdf, light.row_guide, a)
-            column, right = _invert(light.column_cdf[row], light.column_guide[row], b)
-            h = y[row] + down * (y[row + 1] - y[row])
-            radius = math.sqrt(max(0.0, 1.0 - h * h))
-            c, s = _rotated(cos_phi[column], sin_phi[column], (right - 0.5) * step)
-            mx, mz = radius * c, radius * s
-            x = r[0, 0] * mx + r[0, 1] * h + r[0, 2] * mz
-            z = r[2, 0] * mx + r[2, 1] * h + r[2, 2] * mz
-            w = r[1, 0] * mx + r[1, 1] * h + r[1, 2] * mz
-            if nx * x + ny * w + nz * z <= 0.0:
-                continue
-            ray_directions[k, 0], ray_directions[k, 1], ray_directions[k, 2] = x, w, z
-            ray_origins[k, 0], ray_origins[k, 1], ray_origins[k, 2] = (
-                origins[i, 0],
-                origins[i, 1],
-                origins[i, 2],
-            )
-            texels[k] = row * width + column
-            k += 1
+            # From the guides on, two steps on average [Chen & Asau 1974].
+            row = row_guide[np.int64(a * height)]
+            while row_cdf[row + 1] <= a:
+                row += 1
+            column = column_guide[row, np.int64(b * width)]
+            while column_cdf[row, column + 1] <= b:
+                column += 1
+            down = (a - row_cdf[row]) / (row_cdf[row + 1] - row_cdf[row])
+            low = column_cdf[row, column]
+            right = (b - low) / (column_cdf[row, column + 1] - low)
+            h[j] = y[row] + down * (y[row + 1] - y[row])
+            c[j], s[j], angle[j] = cos_phi[column], sin_phi[column], (right - 0.5) * step
+            texel[j] = row * width + column
+        _to_scene(h, c, s, angle, light.rotation, normals[i], w0, w1, w2, cosine)
+        start = k
+        for j in range(m):
+            if cosine[j] > 0.0:
+                ray_directions[k, 0], ray_directions[k, 1], ray_directions[k, 2] = w0[j], w1[j], w2[j]
+                ray_origins[k, 0], ray_origins[k, 1], ray_origins[k, 2] = (
+                    origins[i, 0],
+                    origins[i, 1],
+                    origins[i, 2],
+                )
+                texels[k] = texel[j]
+                k += 1
         counts[i] = k - start
     return k
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _to_scene(h, c, s, angle, r, normal, w0, w1, w2, cosine):
+    """Directions from heights, columns and angles off their centres; apart, so that the loop vectorises."""
+    r00, r01, r02 = r[0, 0], r[0, 1], r[0, 2]
+    r10, r11, r12 = r[1, 0], r[1, 1], r[1, 2]
+    r20, r21, r22 = r[2, 0], r[2, 1], r[2, 2]
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    for j in range(len(h)):
+        radius = np.sqrt(max(0.0, 1.0 - h[j] * h[j]))
+        # The angle is pi / 128 at most: series to 1e-12.
+        a2 = angle[j] * angle[j]
+        dc = 1.0 - a2 * (1.0 / 2 - a2 * (1.0 / 24 - a2 * (1.0 / 720)))
+        ds = angle[j] * (1.0 - a2 * (1.0 / 6 - a2 * (1.0 / 120)))
+        x, z = radius * (c[j] * dc - s[j] * ds), radius * (s[j] * dc + c[j] * ds)
+        w0[j] = r00 * x + r01 * h[j] + r02 * z
+        w1[j] = r10 * x + r11 * h[j] + r12 * z
+        w2[j] = r20 * x + r21 * h[j] + r22 * z
+        cosine[j] = nx * w0[j] + ny * w1[j] + nz * w2[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -206,21 +218,31 @@ def _angle(s, c):
 def texels_of(directions, light, texels):
     """Texels that directions lead to, as row * width + column."""
     height, width = light.column_guide.shape
-    per_row, per_column = height / np.pi, width / (2.0 * np.pi)
-    r = light.rotation
+    x, y, z = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    rows, columns = np.empty(_BLOCK), np.empty(_BLOCK)
+    for start in range(0, len(directions), _BLOCK):
+        m = min(_BLOCK, len(directions) - start)
+        for j in range(m):
+            x[j], y[j], z[j] = directions[start + j, 0], directions[start + j, 1], directions[start + j, 2]
+        _places(x, y, z, light.rotation, height / np.pi, rows, columns)
+        for j in range(m):
+            # A hair beyond the map's border, by rounding, is on it.
+            row, column = min(np.int64(rows[j]), height - 1), min(np.int64(columns[j]), width - 1)
+            texels[start + j] = row * width + column
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _places(x, y, z, r, scale, rows, columns):
+    """Rows and columns, with fractions, in a map of `scale` texels a radian; a loop that vectorises."""
     r00, r01, r02 = r[0, 0], r[0, 1], r[0, 2]
     r10, r11, r12 = r[1, 0], r[1, 1], r[1, 2]
     r20, r21, r22 = r[2, 0], r[2, 1], r[2, 2]
-    for k in range(len(directions)):
-        dx, dy, dz = np.float64(directions[k, 0]), np.float64(directions[k, 1]), np.float64(directions[k, 2])
-        x = r00 * dx + r10 * dy + r20 * dz
-        y = r01 * dx + r11 * dy + r21 * dz
-        z = r02 * dx + r12 * dy + r22 * dz
-        row = np.int32(_angle(np.sqrt(x * x + z * z), y) * per_row)
-        column = np.int32((_angle(z, x) + np.pi) * per_column)
-        row = min(max(row, np.int32(0)), np.int32(height - 1))
-        column = min(max(column, np.int32(0)), np.int32(width - 1))
-        texels[k] = row * np.int32(width) + column
+    for j in range(len(x)):
+        mx = r00 * x[j] + r10 * y[j] + r20 * z[j]
+        my = r01 * x[j] + r11 * y[j] + r21 * z[j]
+        mz = r02 * x[j] + r12 * y[j] + r22 * z[j]
+        rows[j] = max(_angle(np.sqrt(mx * mx + mz * mz), my) * scale, 0.0)
+        columns[j] = max((_angle(mz, mx) + np.pi) * scale, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
