@@ -268,6 +268,12 @@ def _bench(
     isolines: Annotated[str | None, typer.Option(metavar="N,N,...", help="silint's settings.")] = None,
     rays: Annotated[str | None, typer.Option(metavar="N,N,...", help="Embree's settings.")] = None,
     weighting: Annotated[str, typer.Option(help="cosine or uniform.")] = "cosine",
+    quantity: Annotated[str, typer.Option(help="ao, irradiance (with --envmap), or sh.")] = "ao",
+    envmap: Annotated[
+        str | None, typer.Option(metavar="MAP", help="Of irradiance: .hdr .exr .png .jpg.")
+    ] = None,
+    envmap_up: Annotated[str, typer.Option(help="Where the map's top goes: y or z.")] = "y",
+    max_degree: Annotated[int, typer.Option(help="Of sh: 0 to 16.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the points and the rays.")] = 0,
     repeats: Annotated[int | None, typer.Option(help="Rounds; the median of their times counts.")] = None,
     seconds: Annotated[float | None, typer.Option(help="Time to spend on each scene's timings.")] = None,
@@ -285,6 +291,10 @@ def _bench(
             isolines=isolines,
             rays=rays,
             weighting=weighting,
+            quantity=quantity,
+            envmap=envmap,
+            envmap_up=envmap_up,
+            max_degree=max_degree,
             seed=seed,
             repeats=repeats,
             seconds=seconds,

@@ -162,6 +162,12 @@ BAKE = ("bake", "box.ply", "-o", "out.ply")
         (("bench", "none.obj"), "none.obj: no such file"),
         (("bench", "box.ply", "--json", "report.txt"), "report.txt: unknown suffix"),
         (("bench", "box.ply", "--isolines", "8,x"), "isolines is '8,x'"),
+        (("bench", "box.ply", "--quantity", "irradiance"), "--envmap MAP"),
+        (
+            ("bench", "box.ply", "--quantity", "irradiance", "--envmap", "none.hdr"),
+            "none.hdr: cannot be read",
+        ),
+        (("bench", "box.ply", "--quantity", "sh", "--max-degree", "99"), "max_degree is 99"),
         (("demo", "--out", "box.ply"), "box.ply: is a file; expected a folder"),
         (("demo", "--out", "none/demo"), "parent folder does not exist"),
     ],

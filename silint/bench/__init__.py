@@ -2,12 +2,17 @@
 
 What is compared
 ----------------
-Ambient occlusion at points spread uniformly over the mesh's area or at its vertices, lifted off it as far as
-Embree needs (`silint.reference.embree_points`). Both sides get the same points and the same vertices,
-rounded to float32, on the same number of threads; Embree may be timed on fewer of the points (its time a
-point does not depend on their number). Every setting runs once per round, silint and Embree in turns, and
-the median of the rounds counts. What is done once (hierarchies, tables, Sobol sets, compilation) is done
-before, and hierarchies and tables are listed.
+Ambient occlusion, irradiance from an environment, or transfer in spherical harmonics, at points spread
+uniformly over the mesh's area or at its vertices, lifted off it as far as Embree needs
+(`silint.reference.embree_points`). Embree follows the weight (cosine or uniform), and for irradiance combines
+rays of the cosine with as many towards the bright parts of the map (`EmbreeQMC.irradiance`). Both sides get
+the same points and the same vertices, rounded to float32, on the same number of threads; Embree may be timed
+on fewer of the points (its time a point does not depend on their number). Every setting runs once per round,
+silint and Embree in turns, and the median of the rounds counts. What is done once (hierarchies, tables, Sobol
+sets, compilation) is done before, and hierarchies and tables are listed.
+
+Errors of irradiance are relative: to the reference's mean over points and channels. Those of harmonics are
+over points and coefficients.
 
 Time that a setting may take is limited (`seconds`): where all points would take longer, some are timed. Of
 silint's, which share work with their neighbours, runs of 128 neighbours out of all points, spread over the
@@ -22,8 +27,9 @@ The truth
 RMSE needs a reference several times better than the best setting, and Embree's own error falls too slowly
 to be one for silint at 512 lines. The reference is silint itself at 1024 lines (or as many as a `goal` for
 its standard error takes), averaged over independent random rotations of the whole scene: ambient occlusion
-does not change when everything turns, but every line does, so the spread of the rotations is an honest
-standard error. It is reported, and an RMSE is only given as a number if it is at least four times as large.
+does not change when everything turns, irradiance does not when the light turns along, and harmonics can be
+turned back; but every line changes, so the spread of the rotations is an honest standard error. It is
+reported, and an RMSE is only given as a number if it is at least four times as large.
 Whether the reference is right, beyond being precise, is for Embree to judge: the report compares the two
 point by point, in units of their joint standard error, and lists each point beyond 5 of them. References
 can be kept in a folder, under a hash of mesh, points and options.
@@ -33,26 +39,32 @@ The report (`run_bench`'s value, and the file of ``silint bench --json``)
 A number that may be known by a bound only is {value, bound}: bound "" exact; "<" less; ">" more. Times are
 microseconds a point.
 
-schema : "silint-bench/2"
+schema : "silint-bench/3"
 silint, numpy, numba, embreex : versions
 machine : {processor, threads, threading_layer (of numba), load_average (before; null where unknown)}
-options : {methods, points, embree_points, error_points, sites, isolines, rays, weighting, seed, repeats,
-           seconds, goal, reference_method}
+options : {methods, points, embree_points, error_points, sites, isolines, rays, weighting, quantity,
+           environment, max_degree, seed, repeats, seconds, goal, reference_method}
+    quantity : "ao", "irradiance" or "sh"
+    environment : name of the map, of irradiance; else null
+    max_degree : of sh
 scenes : list of
     name, n_faces, n_vertices, points (there are), memory (bytes of silint's parts)
     build_seconds : {method: ..., "embree": ...}             silint's with what its first query builds
     pays_after : {method: points {value, bound}, or "never", or null where bounds decide nothing}
         build_seconds over the time saved a point against Embree at RMSE 1e-3
-    reference : {isolines, rotations, standard_error}        root mean square over the points
+    reference : {isolines, rotations, standard_error, unit}  root mean square over the points
+        unit : of all errors below: 1, or for irradiance the reference's mean over points and channels
     check : reference against Embree
         {rays, scrambles, points, mean_difference, mean_difference_error,
          rms_sigma, max_sigma, p_value, beyond_5_sigma: [{point, normal, silint, embree, sigma}]}
-        p_value : probability of max_sigma or more over all points, if only chance is at work (Sidak)
+        p_value : probability of max_sigma or more over all numbers, if only chance is at work (Sidak)
+        beyond_5_sigma : with component, the channel or coefficient, where a value is more than a number
     rows : list, one for each setting
         {method, setting, points, rounds, seconds, us_per_point, rmse, max_error, resolved,
          prepare_seconds, diagnostics (silint), rays_per_second, bare_rays_per_second (embree)}
         method : one of silint's, or "embree"
-        setting : isolines or rays a point; seconds : median over rounds, for `points` points
+        setting : isolines or rays a point (samples: those of the light under the horizon make no ray);
+            seconds : median over rounds, for `points` points
         rmse, max_error : over error_points; resolved : rmse >= 4 standard errors of the reference
         diagnostics : of a run over as many points as they say
         bare_rays_per_second : the same rays, made beforehand, through Embree's `run` alone

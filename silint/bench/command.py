@@ -9,8 +9,9 @@ from typing import Any
 
 from silint.bench.figures import PLOT_SUFFIXES, plot
 from silint.bench.measure import ISOLINES, RAYS, StageProgress, run_bench
+from silint.bench.quantity import QUANTITIES
 from silint.io import check_output, write_bytes
-from silint.validation import InputError
+from silint.validation import InputError, choice
 
 __all__ = ["bench_command"]
 
@@ -26,6 +27,10 @@ def bench_command(
     isolines: str | None = None,
     rays: str | None = None,
     weighting: str = "cosine",
+    quantity: str = "ao",
+    envmap: str | os.PathLike[str] | None = None,
+    envmap_up: str = "y",
+    max_degree: int = 4,
     seed: int = 0,
     repeats: int | None = None,
     seconds: float | None = None,
@@ -40,10 +45,14 @@ def bench_command(
     ----------
     scenes : sequence of paths
         Mesh files; the packaged scene if there are none.
-    points, weighting, seed, repeats, seconds, progress
+    points, weighting, quantity, max_degree, seed, repeats, seconds, progress
         See `run_bench`.
     isolines, rays : str
         Settings, as in ``"8,16,32"``.
+    envmap : path, optional
+        The light of irradiance; see `Environment.from_file`.
+    envmap_up : {"y", "z"}
+        The scene's axis that the top of the map goes to.
     quick : bool
         Smaller defaults: a smoke run.
     json_file, plot_file : path, optional
@@ -66,12 +75,21 @@ def bench_command(
         check_output(plot_file, PLOT_SUFFIXES)
     line_settings = ISOLINES if isolines is None else _numbers(isolines, "isolines")
     ray_settings = defaults["rays"] if rays is None else _numbers(rays, "rays")
+    choice(quantity, "quantity", QUANTITIES)
+    environment = None
+    if envmap is not None:
+        from silint.environment import Environment
+
+        environment = Environment.from_file(envmap, envmap_up)
     report = run_bench(
         list(scenes) or [_packaged()],
         points=defaults["points"] if points is None else points,
         isolines=line_settings,
         rays=ray_settings,
         weighting=weighting,
+        quantity=quantity,
+        environment=environment,
+        max_degree=max_degree,
         seed=seed,
         repeats=defaults["repeats"] if repeats is None else repeats,
         seconds=defaults["seconds"] if seconds is None else seconds,

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from silint.bench.curves import power_law
-from silint.bench.measure import EMBREE
-from silint.bench.report import NAMES, UNITS, methods_of, three_digits
+from silint.bench.report import NAMES, UNITS, error_of, methods_of, three_digits
+from silint.bench.rows import EMBREE
 from silint.io import check_output, write_bytes
 from silint.validation import InputError
 
@@ -57,7 +57,7 @@ def plot(report: dict[str, Any], path: str | os.PathLike[str]) -> None:
         if i + columns >= len(scenes):
             ax.set_xlabel("time a point, all cores [µs]")
     for ax in axes[:, 0]:
-        ax.set_ylabel("RMSE of ambient occlusion")
+        ax.set_ylabel(error_of(report["options"]))
     _finish(figure, report, target)
 
 

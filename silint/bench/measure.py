@@ -8,19 +8,21 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from silint.bench import machine
-from silint.bench.curves import Bounded, pays_after, speedup, time_at_error
+from silint.bench.quantity import Quantity, quantity_of
+from silint.bench.rows import EMBREE, LEVELS, equal_error, points_to_pay
 from silint.bench.sites import SITES, shade_sites, spread
 from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
 from silint.core.visible import tile_order
 from silint.validation import InputError, choice, positive_int
 
 if TYPE_CHECKING:
+    from silint.environment import Environment
     from silint.integrator import SilhouetteIntegrator
     from silint.reference import EmbreeQMC
     from silint.scene import Scene
@@ -31,14 +33,9 @@ FloatArray = npt.NDArray[np.float64]
 # progress(stage, done, total)
 StageProgress = Callable[[str, int, int], None]
 
-SCHEMA = "silint-bench/2"
-EMBREE = "embree"
+SCHEMA = "silint-bench/3"
 ISOLINES = (8, 16, 32, 64, 128, 256, 512)
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
-LEVELS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
-
-# The error at which building is weighed against Embree's time.
-PAYS_AT = 1e-3
 
 # The first method's share of the time aimed at: it is timed on most points. The others share the rest.
 _FIRST_SHARE = 0.5
@@ -53,13 +50,21 @@ _RUN = 128
 _BARE_RAYS, _BARE_RUNS = 1 << 22, 3
 
 
+class _Run(NamedTuple):
+    """What one run returned."""
+
+    value: FloatArray
+    diagnostics: dict[str, int] = {}  # noqa: RUF012 (never written)
+    rays: int = 0  # Embree's
+
+
 @dataclass
 class _Setting:
     """One method at one setting, and what was measured of it."""
 
     method: str
     setting: int
-    run: Callable[[int, bool], tuple[FloatArray, dict[str, int]]]  # n points; with diagnostics?
+    run: Callable[[int, bool], _Run]  # n points; with diagnostics?
     most: int  # points that may be timed
     points: int = 0
     rounds: int = 0  # none: left out, there was no time for it
@@ -67,15 +72,17 @@ class _Setting:
     seconds: list[float] = field(default_factory=list)
     value: FloatArray = field(default_factory=lambda: np.empty(0))
     diagnostics: dict[str, int] = field(default_factory=dict)
+    rays: int = 0
     # Values of the points whose errors count, where others are timed.
     judged: Callable[[], FloatArray] | None = None
 
     def timed(self, n: int, look: bool = False) -> float:
         start = time.perf_counter()
-        self.value, diagnostics = self.run(n, look)
+        found = self.run(n, look)
         seconds = time.perf_counter() - start
+        self.value, self.rays = found.value, found.rays
         if look:
-            self.diagnostics = diagnostics
+            self.diagnostics = found.diagnostics
         return seconds
 
 
@@ -90,6 +97,9 @@ def run_bench(
     isolines: Sequence[int] = ISOLINES,
     rays: Sequence[int] = RAYS,
     weighting: str = "cosine",
+    quantity: str = "ao",
+    environment: Environment | None = None,
+    max_degree: int = 4,
     seed: int = 0,
     repeats: int = 3,
     seconds: float = 60.0,
@@ -115,6 +125,11 @@ def run_bench(
     isolines, rays : sequences of int
         Settings of the two sides. Rays are powers of two.
     weighting : {"cosine", "uniform"}
+    quantity : {"ao", "irradiance", "sh"}
+        Ambient occlusion; irradiance from `environment`, whose errors are relative; or `sh_transfer` of
+        degree `max_degree`, whose RMSE is over points and coefficients.
+    environment : Environment
+    max_degree : int
     seed : int
         Of points, rotations and rays.
     repeats : int
@@ -142,7 +157,7 @@ def run_bench(
     """
     from silint.scene import as_scene
 
-    choice(weighting, "weighting", ("cosine", "uniform"))
+    measured = quantity_of(quantity, weighting, environment, max_degree)
     choice(sites, "sites", SITES)
     error_points = positive_int(error_points, "error_points", minimum=2)
     points = positive_int(points, "points", minimum=error_points)
@@ -160,8 +175,8 @@ def run_bench(
     bad = [r for r in rays if r & (r - 1)]
     if bad:
         raise InputError(f"rays must be powers of two, as Sobol sequences are; {bad[0]} is not one")
-    known = supported_methods(methods)
-    supported_methods([reference_method])
+    known = supported_methods(methods, measured)
+    supported_methods([reference_method], measured)
     options = {
         "methods": known,
         "points": points,
@@ -171,6 +186,7 @@ def run_bench(
         "isolines": sorted(set(isolines)),
         "rays": sorted(set(rays)),
         "weighting": weighting,
+        **measured.as_options(),
         "seed": seed,
         "repeats": repeats,
         "seconds": seconds,
@@ -179,12 +195,12 @@ def run_bench(
     }
     loaded = [as_scene(s) for s in scenes]
     about = machine.describe()
-    results = [_bench_scene(scene, options, references, progress) for scene in loaded]
+    results = [_bench_scene(scene, measured, options, references, progress) for scene in loaded]
     about["threading_layer"] = machine.describe()["threading_layer"]
     return {"schema": SCHEMA, **machine.versions(), "machine": about, "options": options, "scenes": results}
 
 
-def supported_methods(methods: Iterable[str]) -> list[str]:
+def supported_methods(methods: Iterable[str], quantity: Quantity | None = None) -> list[str]:
     """Those that this silint has, tried on the packaged scene; which also compiles them.
 
     Raises
@@ -196,11 +212,12 @@ def supported_methods(methods: Iterable[str]) -> list[str]:
     from silint.integrator import SilhouetteIntegrator
 
     integrator = SilhouetteIntegrator(demo_scene())
-    points, normals = integrator.scene.vertices[:1], [[0.0, 0.0, 1.0]]
+    points, normals = integrator.scene.vertices[:1], np.array([[0.0, 0.0, 1.0]])
+    asked = (quantity or Quantity()).separate()
     known, refused = [], ""
     for method in dict.fromkeys(methods):
         try:
-            integrator.ambient_occlusion(points, normals, isolines=2, method=method)
+            asked.silhouettes(integrator, points, normals, 2, method)
         except InputError as error:
             refused = str(error)
         else:
@@ -219,9 +236,16 @@ def prepare_references(
     """Compute what `run_bench` with these options will want to read from its folder of references."""
     from silint.reference import EmbreeQMC
 
+    asked = quantity_of(
+        options.get("quantity", "ao"),
+        options["weighting"],
+        options.get("environment"),
+        options.get("max_degree", 4),
+    )
     vertices, points, normals = _question(scene, options)
     embree = EmbreeQMC(vertices, scene.faces, threads=machine.n_threads())
-    _truth(scene, vertices, points, normals, embree, options, references, partial(_report, scene, progress))
+    report = partial(_report, scene, progress)
+    _truth(scene, asked, vertices, points, normals, embree, options, references, report)
 
 
 def _report(scene: Scene, progress: StageProgress | None, stage: str, done: int, total: int) -> None:
@@ -245,6 +269,7 @@ def _question(scene: Scene, options: dict[str, Any]) -> tuple[FloatArray, FloatA
 
 def _truth(
     scene: Scene,
+    quantity: Quantity,
     vertices: FloatArray,
     points: FloatArray,
     normals: FloatArray,
@@ -254,13 +279,13 @@ def _truth(
     report: StageProgress,
 ) -> tuple[Reference, dict[str, Any]]:
     m = options["error_points"]
-    return judged_reference(
-        vertices, scene.faces, points[:m], normals[:m], embree, options, options["goal"], references, report
-    )
+    site = vertices, scene.faces, points[:m], normals[:m]
+    return judged_reference(*site, embree, quantity, options, options["goal"], references, report)
 
 
 def _bench_scene(
     scene: Scene,
+    quantity: Quantity,
     options: dict[str, Any],
     references: str | os.PathLike[str] | None,
     progress: StageProgress | None,
@@ -282,28 +307,30 @@ def _bench_scene(
     build_seconds = {EMBREE: end - middle}
     for method in options["methods"]:
         began = time.perf_counter()
-        integrator.ambient_occlusion(points[:1], normals[:1], isolines=2, method=method)
+        quantity.separate().silhouettes(integrator, points[:1], normals[:1], 2, method)
         build_seconds[method] = middle - start + time.perf_counter() - began
 
-    settings = _settings(integrator, embree, points, normals, options)
+    settings = _settings(integrator, embree, quantity, points, normals, options)
     _warm_up(settings, partial(report, "warming up"))
     _run_rounds(settings, options, partial(report, "timing"))
     settings = [s for s in settings if s.rounds]
 
-    truth, verdict = _truth(scene, vertices, points, normals, embree, options, references, report)
+    truth, verdict = _truth(scene, quantity, vertices, points, normals, embree, options, references, report)
     rows = [_row(s, truth) for s in settings]
     report("bare Embree", 0, 1)
     for setting, row in zip(settings, rows, strict=True):
         if setting.method == EMBREE:
             n = setting.points
-            row["rays_per_second"] = setting.setting * n / row["seconds"]
+            row["rays_per_second"] = setting.rays / row["seconds"]
             seed = opponent_seed(options["seed"])
             row["bare_rays_per_second"] = max(
-                embree.bare_rays_per_second(points[:n], normals[:n], setting.setting, seed, _BARE_RAYS)
+                embree.bare_rays_per_second(
+                    points[:n], normals[:n], setting.setting, seed, _BARE_RAYS, quantity.environment
+                )
                 for _ in range(_BARE_RUNS)
             )
     report("bare Embree", 1, 1)
-    equal_error = _equal_error(rows, options["methods"])
+    at_equal_error = equal_error(rows, options["methods"])
     return {
         "name": _name(scene),
         "n_faces": scene.n_faces,
@@ -311,57 +338,53 @@ def _bench_scene(
         "points": len(points),
         "memory": integrator.memory,
         "build_seconds": build_seconds,
-        "pays_after": _pays_after(build_seconds, equal_error, options["methods"]),
+        "pays_after": points_to_pay(build_seconds, at_equal_error, options["methods"]),
         "reference": truth.as_dict(),
         "check": verdict,
         "rows": rows,
-        "equal_error": equal_error,
+        "equal_error": at_equal_error,
     }
 
 
 def _settings(
     integrator: SilhouetteIntegrator,
     embree: EmbreeQMC,
+    quantity: Quantity,
     points: FloatArray,
     normals: FloatArray,
     options: dict[str, Any],
 ) -> list[_Setting]:
     """All settings of both sides in turns, cheap ones first."""
-    weighting, seed = options["weighting"], opponent_seed(options["seed"])
-
+    seed = opponent_seed(options["seed"])
     rows = in_company(points, normals)
+    m = options["error_points"]
 
-    def silhouettes(method: str, k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
-        result = integrator.ambient_occlusion(
-            points[rows[:n]],
-            normals[rows[:n]],
-            isolines=k,
-            weighting=weighting,
-            method=method,
-            full_output=look,
+    def silhouettes(asked: Quantity, method: str, k: int, n: int, look: bool) -> _Run:
+        result = asked.silhouettes(
+            integrator, points[rows[:n]], normals[rows[:n]], k, method, full_output=look
         )
-        return (result.value, dict(result.diagnostics)) if look else (result, {})
+        return _Run(result.value, dict(result.diagnostics)) if look else _Run(result)
 
-    def judged(method: str, k: int) -> FloatArray:
-        m = options["error_points"]
-        value: FloatArray = integrator.ambient_occlusion(
-            points[:m], normals[:m], isolines=k, weighting=weighting, method=method
-        )
+    def judged(asked: Quantity, method: str, k: int) -> FloatArray:
+        value: FloatArray = asked.silhouettes(integrator, points[:m], normals[:m], k, method)
         return value
 
-    def monte_carlo(k: int, n: int, look: bool) -> tuple[FloatArray, dict[str, int]]:
-        return embree.ambient_occlusion(points[:n], normals[:n], k, seed, weighting).value, {}
+    def monte_carlo(k: int, n: int, look: bool) -> _Run:
+        found = quantity.rays(embree, points[:n], normals[:n], k, seed)
+        return _Run(found.value, rays=found.rays)
+
+    def ours(method: str, k: int) -> _Setting:
+        asked = quantity.separate()
+        return _Setting(
+            method,
+            k,
+            partial(silhouettes, asked, method, k),
+            len(points),
+            judged=partial(judged, asked, method, k),
+        )
 
     most = min(options["embree_points"], len(points))
-    columns = [
-        [
-            _Setting(
-                method, k, partial(silhouettes, method, k), len(points), judged=partial(judged, method, k)
-            )
-            for k in options["isolines"]
-        ]
-        for method in options["methods"]
-    ]
+    columns = [[ours(method, k) for k in options["isolines"]] for method in options["methods"]]
     columns.append([_Setting(EMBREE, k, partial(monte_carlo, k), most) for k in options["rays"]])
     longest = max(len(column) for column in columns)
     return [column[i] for i in range(longest) for column in columns if i < len(column)]
@@ -435,7 +458,7 @@ def _afford(setting: _Setting, share: float, options: dict[str, Any]) -> tuple[f
 def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
     value = setting.value[: len(truth.value)] if setting.judged is None else setting.judged()
     difference = value - truth.value
-    rmse = rms(difference)
+    rmse = rms(difference) / truth.unit
     seconds = statistics.median(setting.seconds)
     n = setting.points
     row: dict[str, Any] = {
@@ -446,47 +469,9 @@ def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
         "seconds": seconds,
         "us_per_point": 1e6 * seconds / n,
         "rmse": rmse,
-        "max_error": float(np.abs(difference).max()),
+        "max_error": float(np.abs(difference).max()) / truth.unit,
         "resolved": truth.resolves(rmse),
     }
     if setting.method != EMBREE:
         row |= {"prepare_seconds": setting.prepare_seconds, "diagnostics": setting.diagnostics}
     return row
-
-
-def _equal_error(rows: list[dict[str, Any]], methods: list[str]) -> list[dict[str, Any]]:
-    curves = {}
-    for method in [*methods, EMBREE]:
-        # An RMSE that the reference's noise may have made is no point of a curve.
-        known = [r for r in rows if r["method"] == method and r["resolved"]]
-        curves[method] = ([r["us_per_point"] for r in known], [r["rmse"] for r in known])
-    out = []
-    for level in LEVELS:
-        times = {method: time_at_error(*curve, level) for method, curve in curves.items()}
-        first = times[methods[0]]
-        out.append(
-            {
-                "rmse": level,
-                "times": {method: _as_dict(t) for method, t in times.items()},
-                "speedups": {method: _as_dict(speedup(times[method], times[EMBREE])) for method in methods},
-                "costs": {method: _as_dict(speedup(first, times[method])) for method in methods[1:]},
-            }
-        )
-    return out
-
-
-def _pays_after(
-    build_seconds: dict[str, float], equal_error: list[dict[str, Any]], methods: list[str]
-) -> dict[str, Any]:
-    times = next(row["times"] for row in equal_error if row["rmse"] == PAYS_AT)
-    known = {method: t and Bounded(**t) for method, t in times.items()}
-    out = {}
-    for method in methods:
-        found = pays_after(build_seconds[method], known[method], known[EMBREE])
-        # JSON has no infinity.
-        out[method] = _as_dict(found) if found is None or np.isfinite(found.value) else "never"
-    return out
-
-
-def _as_dict(number: Bounded | None) -> dict[str, Any] | None:
-    return None if number is None else number._asdict()

@@ -6,13 +6,13 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from silint.bench.curves import Bounded
-from silint.bench.measure import EMBREE
+from silint.bench.rows import EMBREE
 from silint.bench.truth import RESOLVED
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["NAMES", "UNITS", "bounded_text", "methods_of", "print_tables", "three_digits"]
+__all__ = ["NAMES", "UNITS", "bounded_text", "error_of", "methods_of", "print_tables", "three_digits"]
 
 NAMES = {
     "auto": "silint",
@@ -55,8 +55,7 @@ def _print_scene(scene: dict[str, Any], options: dict[str, Any], console: Consol
         title=f"{scene['name']}: {scene['n_faces']:,} triangles; built in "
         + ", ".join(f"{seconds:.2f} s ({NAMES[method]})" for method, seconds in build.items()),
         title_justify="left",
-        caption=f"RMSE over {options['error_points']} points ({options['weighting']}); the reference's own "
-        f"standard error is {noise:.1e}",
+        caption=f"{_caption(options)}; the reference's own standard error is {noise:.1e}",
         caption_justify="left",
     )
     table.add_column("")
@@ -110,6 +109,20 @@ def _print_check(check: dict[str, Any], console: Console) -> None:
 
 def _rmse_text(row: dict[str, Any], noise: float) -> str:
     return f"{row['rmse']:.1e}" if row["resolved"] else f"< {RESOLVED * noise:.1e}"
+
+
+def error_of(options: dict[str, Any]) -> str:
+    """What the errors of a report are, by its options; those before silint-bench/3 have no quantity."""
+    if options.get("quantity") == "irradiance":
+        return f"relative RMSE of irradiance under {options['environment']}"
+    if options.get("quantity") == "sh":
+        return f"RMSE of SH transfer, degree {options['max_degree']}"
+    return "RMSE of ambient occlusion"
+
+
+def _caption(options: dict[str, Any]) -> str:
+    error = "RMSE" if options.get("quantity", "ao") == "ao" else error_of(options)
+    return f"{error} over {options['error_points']} points ({options['weighting']})"
 
 
 def methods_of(scene: dict[str, Any]) -> list[str]:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from silint.io import write_bytes
 
 if TYPE_CHECKING:
+    from silint.bench.quantity import Quantity
     from silint.reference import EmbreeQMC
 
 __all__ = ["Reference", "check", "judged_reference", "opponent_seed", "reference", "rms"]
@@ -43,17 +44,25 @@ class Reference:
     standard_error: FloatArray
     isolines: int
     rotations: int
+    unit: float = 1.0
+    """What errors are given in: values of this size make an error of 1."""
+
+    @property
+    def noise(self) -> float:
+        """Root mean square of the standard errors, in `unit`."""
+        return rms(self.standard_error) / self.unit
 
     def resolves(self, rmse: float) -> bool:
         """Whether an RMSE against this reference says something about what was compared with it."""
-        return rmse >= RESOLVED * rms(self.standard_error)
+        return rmse >= RESOLVED * self.noise
 
     def as_dict(self) -> dict[str, Any]:
         """For the report."""
         return {
             "isolines": self.isolines,
             "rotations": self.rotations,
-            "standard_error": rms(self.standard_error),
+            "standard_error": self.noise,
+            "unit": self.unit,
         }
 
 
@@ -73,6 +82,7 @@ def judged_reference(
     points: FloatArray,
     normals: FloatArray,
     embree: EmbreeQMC,
+    quantity: Quantity,
     options: dict[str, Any],
     goal: float,
     folder: str | os.PathLike[str] | None,
@@ -83,16 +93,18 @@ def judged_reference(
     The file's name is a hash of everything that goes in, except the code: both are estimates with
     standard errors of their own, which a change of code does not make wrong.
     """
-    described = {key: options.get(key) for key in ("weighting", "seed", "reference_method")} | {"goal": goal}
+    described = {key: options.get(key) for key in ("seed", "reference_method")}
+    described |= {**quantity.as_key(), "goal": goal}
     path = None
     if folder is not None:
         path = Path(folder) / f"{_digest(vertices, faces, points, normals, described)}.json"
         if path.is_file():
             kept = json.loads(path.read_text(encoding="utf-8"))
             value, error = np.array(kept["value"]), np.array(kept["standard_error"])
-            return Reference(value, error, kept["isolines"], kept["rotations"]), kept["check"]
-    truth = reference(vertices, faces, points, normals, options, report, goal)
-    verdict = check(embree, truth, points, normals, options, report)
+            found = Reference(value, error, kept["isolines"], kept["rotations"], quantity.unit(value))
+            return found, kept["check"]
+    truth = reference(vertices, faces, points, normals, quantity, options, report, goal)
+    verdict = check(embree, truth, points, normals, quantity, options, report)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers = {key: getattr(truth, key).tolist() for key in ("value", "standard_error")}
@@ -115,14 +127,16 @@ def reference(
     faces: npt.NDArray[np.int32],
     points: FloatArray,
     normals: FloatArray,
+    quantity: Quantity,
     options: dict[str, Any],
     report: StageProgress,
     goal: float = 0.0,
 ) -> Reference:
     """Values and standard errors from silint in independent random orientations of everything.
 
-    With a `goal`, no more lines than seem to be needed for a standard error of that, and more turns where
-    they fall short of it; without, the most lines, and as few turns as tell a spread.
+    With a `goal` (relative where errors are), no more lines than seem to be needed for a standard error of
+    that, and more turns where they fall short of it; without, the most lines, and as few turns as tell a
+    spread.
     """
     from silint.integrator import SilhouetteIntegrator
     from silint.scene import Scene
@@ -130,44 +144,55 @@ def reference(
     rng = np.random.default_rng([options["seed"], 1])
     method = options.get("reference_method", "octahedral")
     values: list[FloatArray] = []
-    isolines = 0
-    spread = np.full(len(points), np.inf)
-    while len(values) < _ROTATIONS or (len(values) < 2 * _ROTATIONS and 0 < goal < rms(spread)):
+    isolines, unit, noise = 0, 1.0, np.inf
+    while len(values) < _ROTATIONS or (len(values) < 2 * _ROTATIONS and 0 < goal * unit < noise):
         report("reference", len(values), max(_ROTATIONS, len(values) + 1))
         rotation = _random_rotation(rng)
         turned = SilhouetteIntegrator(Scene(vertices @ rotation.T, faces))
         p, n = points @ rotation.T, normals @ rotation.T
-
-        def query(k: int, turned: Any = turned, p: FloatArray = p, n: FloatArray = n) -> FloatArray:
-            value: FloatArray = turned.ambient_occlusion(
-                p, n, isolines=k, weighting=options["weighting"], method=method
-            )
-            return value
-
+        query = partial(_turned_back, quantity, turned, p, n, rotation, method)
         if not isolines:
-            isolines, first = _enough_isolines(query, goal)
+            isolines, first, unit = _enough_isolines(query, quantity, goal)
             values.append(first)
         else:
             values.append(query(isolines))
         if len(values) > 1:
             spread = np.std(values, axis=0, ddof=1) / np.sqrt(len(values))
+            noise = rms(spread)
     report("reference", len(values), len(values))
-    return Reference(np.mean(values, axis=0), spread, isolines, len(values))
+    mean = np.mean(values, axis=0)
+    return Reference(mean, spread, isolines, len(values), quantity.unit(mean))
 
 
-def _enough_isolines(query: Callable[[int], FloatArray], goal: float) -> tuple[int, FloatArray]:
-    """Lines whose error, averaged over all turns, seems to be the goal, and the values that they give."""
+def _turned_back(
+    quantity: Quantity,
+    integrator: Any,
+    points: FloatArray,
+    normals: FloatArray,
+    rotation: FloatArray,
+    method: str,
+    isolines: int,
+) -> FloatArray:
+    """Values of a turned scene, under light that is turned along, in the frame of before."""
+    value = quantity.turned(rotation).silhouettes(integrator, points, normals, isolines, method)
+    return quantity.turned_back(value, rotation)
+
+
+def _enough_isolines(
+    query: Callable[[int], FloatArray], quantity: Quantity, goal: float
+) -> tuple[int, FloatArray, float]:
+    """Lines whose error, averaged over all turns, seems to be the goal; their values; the unit."""
+    isolines, most = (quantity.most_isolines(k) for k in _GOAL_ISOLINES)
     if goal <= 0:
-        return _REFERENCE_ISOLINES, query(_REFERENCE_ISOLINES)
-    isolines, most = _GOAL_ISOLINES
+        isolines = quantity.most_isolines(_REFERENCE_ISOLINES)
     value = query(isolines)
-    while isolines < most:
+    while 0 < goal and isolines < most:
         isolines *= 2
         coarser, value = value, query(isolines)
         # Errors fall as isolines^-1.5, so the change is the coarser one's error, by and large.
-        if rms(value - coarser) / 2**1.5 <= goal * np.sqrt(_ROTATIONS):
+        if rms(value - coarser) / 2**1.5 <= goal * quantity.unit(value) * np.sqrt(_ROTATIONS):
             break
-    return isolines, value
+    return isolines, value, quantity.unit(value)
 
 
 def check(
@@ -175,47 +200,52 @@ def check(
     truth: Reference,
     points: FloatArray,
     normals: FloatArray,
+    quantity: Quantity,
     options: dict[str, Any],
     report: StageProgress,
 ) -> dict[str, Any]:
     """A reference against Embree with many scrambles, in units of their joint standard error."""
     from scipy.stats import t
 
-    judge = embree.ambient_occlusion(
+    judge = quantity.rays(
+        embree,
         points,
         normals,
         _CHECK_SAMPLES,
-        seed=opponent_seed(options["seed"]) + 1,
-        weighting=options["weighting"],
-        scrambles=_CHECK_SCRAMBLES,
-        progress=partial(report, "checking the reference"),
+        opponent_seed(options["seed"]) + 1,
+        _CHECK_SCRAMBLES,
+        partial(report, "checking the reference"),
     )
     difference = truth.value - judge.value
     # Where all rays agree the spread is 0, but a share below one ray in all of them goes unseen.
     sigma = np.hypot(
-        np.maximum(judge.standard_error, 1.0 / (judge.samples * judge.scrambles)), truth.standard_error
+        np.maximum(judge.standard_error, truth.unit / (judge.samples * judge.scrambles)),
+        truth.standard_error,
     )
     score = np.abs(difference) / sigma
+    # Components of one point share their rays and lines: taken as fully correlated.
+    each = sigma.reshape(len(points), -1).mean(axis=1)
     worst = float(score.max())
     single = 2.0 * float(t.sf(worst, _CHECK_SCRAMBLES - 1))
     return {
         "rays": judge.samples * judge.scrambles,
         "scrambles": judge.scrambles,
         "points": len(points),
-        "mean_difference": float(difference.mean()),
-        "mean_difference_error": float(np.sqrt((sigma**2).sum()) / len(points)),
+        "mean_difference": float(difference.mean()) / truth.unit,
+        "mean_difference_error": float(np.sqrt((each**2).sum()) / len(points)) / truth.unit,
         "rms_sigma": rms(score),
         "max_sigma": worst,
-        "p_value": float(-np.expm1(len(points) * np.log1p(-min(single, 1 - 1e-16)))),
+        "p_value": float(-np.expm1(score.size * np.log1p(-min(single, 1 - 1e-16)))),
         "beyond_5_sigma": [
             {
-                "point": points[i].tolist(),
-                "normal": normals[i].tolist(),
-                "silint": float(truth.value[i]),
-                "embree": float(judge.value[i]),
-                "sigma": float(score[i]),
+                "point": points[at[0]].tolist(),
+                "normal": normals[at[0]].tolist(),
+                "silint": float(truth.value[tuple(at)]),
+                "embree": float(judge.value[tuple(at)]),
+                "sigma": float(score[tuple(at)]),
+                **({"component": int(at[1])} if len(at) > 1 else {}),
             }
-            for i in np.flatnonzero(score > 5)
+            for at in np.argwhere(score > 5)
         ],
     }
 

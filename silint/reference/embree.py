@@ -24,14 +24,15 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from threading import local
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from silint.reference import rays, sequence
+from silint.reference import estimators, sequence
+from silint.reference.estimators import Estimator, RayBuffers
+from silint.reference.result import ReferenceResult, combined
 from silint.validation import (
     InputError,
     choice,
@@ -56,44 +57,10 @@ BATCH = 1 << 16
 
 MAX_SAMPLES = 1 << 24
 
+MAX_DEGREE = 16  # of spherical harmonics
+
 # Batches that are kept in memory at a time when Embree is timed alone.
 _GROUP = 64
-
-
-@dataclass(frozen=True)
-class ReferenceResult:
-    """What Embree QMC found, how sure it is, and how fast it was.
-
-    Attributes
-    ----------
-    value : ndarray of float64, shape (n,) or (n, 3)
-        Mean over all scrambles.
-    standard_error : ndarray of float64, same shape
-        Of `value`, point by point, from the spread of the independent scrambles; NaN with a single one.
-    samples : int
-        Rays a point in each scramble.
-    scrambles : int
-        Independent scrambles; a point took ``samples * scrambles`` rays.
-    rays : int
-        Rays in all.
-    seconds : float
-        Wall time of making the rays, tracing and counting them.
-    threads : int
-        Threads that did it.
-    """
-
-    value: FloatArray
-    standard_error: FloatArray
-    samples: int
-    scrambles: int
-    rays: int
-    seconds: float
-    threads: int
-
-    @property
-    def rays_per_second(self) -> float:
-        """Rays in all over wall time."""
-        return self.rays / self.seconds if self.seconds > 0 else float("nan")
 
 
 class EmbreeQMC:
@@ -140,6 +107,7 @@ class EmbreeQMC:
         # Embree builds its hierarchy at the first query; that must happen here and once, not in a race.
         zero = np.zeros((1, 3), np.float32)
         self._scene.run(zero, zero + np.float32(1.0), query="OCCLUDED")
+        self._sampler: tuple[Any, Any, str, Any] | None = None  # of the latest environment
 
     def ambient_occlusion(
         self,
@@ -174,8 +142,9 @@ class EmbreeQMC:
             ``value`` and ``standard_error`` of shape (n,).
         """
         uniform = choice(weighting, "weighting", ("cosine", "uniform")) == "uniform"
-        counts, info = self._trace(points, normals, samples, seed, scrambles, uniform, None, progress)
-        return _result(counts / info["samples"], **info)
+        estimator = estimators.OpenShare(uniform)
+        counts, info = self._trace(points, normals, samples, seed, scrambles, estimator, progress)
+        return combined(counts / info["samples"], **info)
 
     def sky_view_factor(
         self,
@@ -191,10 +160,9 @@ class EmbreeQMC:
 
         Parameters as for `ambient_occlusion`; `up` of shape (3,). ``value`` has shape (n,).
         """
-        sums, info = self._trace(
-            points, normals, samples, seed, scrambles, False, unit_vector(up, "up"), progress
-        )
-        return _result(sums[..., 3] / info["samples"], **info)
+        estimator = estimators.OpenDirections(unit_vector(up, "up"))
+        sums, info = self._trace(points, normals, samples, seed, scrambles, estimator, progress)
+        return combined(sums[..., 3] / info["samples"], **info)
 
     def bent_normals(
         self,
@@ -206,8 +174,78 @@ class EmbreeQMC:
         progress: Progress | None = None,
     ) -> ReferenceResult:
         """(1/pi) times the integral of V max(n.w, 0) w: ``value`` and ``standard_error`` of shape (n, 3)."""
-        sums, info = self._trace(points, normals, samples, seed, scrambles, False, np.zeros(3), progress)
-        return _result(sums[..., :3] / info["samples"], **info)
+        estimator = estimators.OpenDirections(np.zeros(3))
+        sums, info = self._trace(points, normals, samples, seed, scrambles, estimator, progress)
+        return combined(sums[..., :3] / info["samples"], **info)
+
+    def sh_transfer(
+        self,
+        points: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        max_degree: int = 4,
+        samples: int = 4096,
+        seed: int = 0,
+        weighting: str = "cosine",
+        scrambles: int = 1,
+        progress: Progress | None = None,
+    ) -> ReferenceResult:
+        """Visibility in spherical harmonics up to a degree; conventions in `silint.core.conventions`.
+
+        Parameters
+        ----------
+        max_degree : int
+            L, 0 to 16.
+        weighting : {"cosine", "uniform"}
+            (1/pi) int V max(n.w, 0) Y_lm dw, or int V Y_lm dw over the hemisphere of n.
+        points, normals, samples, seed, scrambles, progress
+            As for `ambient_occlusion`.
+
+        Returns
+        -------
+        ReferenceResult
+            ``value`` and ``standard_error`` of shape (n, (L + 1)^2).
+        """
+        uniform = choice(weighting, "weighting", ("cosine", "uniform")) == "uniform"
+        estimator = estimators.Harmonics(uniform, positive_int(max_degree, "max_degree", 0, MAX_DEGREE))
+        sums, info = self._trace(points, normals, samples, seed, scrambles, estimator, progress)
+        return combined(sums * ((2.0 * np.pi if uniform else 1.0) / info["samples"]), **info)
+
+    def irradiance(
+        self,
+        points: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        environment: Any,
+        samples: int = 4096,
+        seed: int = 0,
+        scrambles: int = 1,
+        progress: Progress | None = None,
+        sampling: str = "mis",
+    ) -> ReferenceResult:
+        """int L V max(n.w, 0) dw by multiple importance sampling [Veach & Guibas 1995].
+
+        Half of the samples follow the cosine, half the light of the map, combined by the balance heuristic:
+        good under an even sky and under a sun. Samples of the light below the horizon of a point cost no ray.
+
+        Parameters
+        ----------
+        environment : silint.Environment
+            Its tables are built at the first call and kept for the next with the same one.
+        samples : int
+            A point in each scramble, of both kinds together: a power of two, 2 at least.
+        points, normals, seed, scrambles, progress
+            As for `ambient_occlusion`.
+        sampling : {"mis", "cosine"}
+            "cosine": all samples follow the cosine, as they do under a constant sky, where there is nothing
+            to aim at.
+
+        Returns
+        -------
+        ReferenceResult
+            ``value`` and ``standard_error`` of shape (n, 3), in radiance times steradians.
+        """
+        estimator = self._light(environment, choice(sampling, "sampling", ("mis", "cosine")))
+        sums, info = self._trace(points, normals, samples, seed, scrambles, estimator, progress)
+        return combined(sums * (estimator.light.scale * estimator.streams / info["samples"]), **info)
 
     def bare_rays_per_second(
         self,
@@ -216,44 +254,68 @@ class EmbreeQMC:
         samples: int = 4096,
         seed: int = 0,
         max_rays: int = 1 << 24,
+        environment: Any = None,
     ) -> float:
         """Speed of Embree alone: the rays of `ambient_occlusion`, made beforehand; `run` and nothing else.
 
         On the same threads with the same batches: all of them up to `max_rays`, and beyond that as many,
         evenly spaced. What `rays_per_second` of a result falls short of this is the cost of making and
-        counting the rays.
+        counting the rays. With an environment, the rays of `irradiance`.
         """
-        origins, units, samples = self._checked(points, normals, samples)
-        block = min(samples, BLOCK)
+        estimator: Estimator = estimators.OpenShare(False)
+        if environment is not None:
+            estimator = self._light(environment, "mis")
+        origins, units, samples = self._checked(points, normals, samples, estimator.streams)
+        each = samples // estimator.streams
+        block = min(each, BLOCK)
         origins, units = _sorted_in_space(origins, units)[1:]
-        bits = sequence.point_bits(origins, units, seed, 0)
-        first, second = sequence.sobol_bits(samples, seed, 0)
+        sets = [sequence.sobol_bits(each, seed, s) for s in range(estimator.streams)]
+        shifts = [sequence.point_bits(origins, units, seed, s) for s in range(estimator.streams)]
         rows = self._rows(len(origins) * (samples // block), block)
-        tasks = list(itertools.product(range(0, samples, block), range(0, len(origins), rows)))
+        tasks = list(
+            itertools.product(range(estimator.streams), range(0, each, block), range(0, len(origins), rows))
+        )
         tasks = tasks[:: -(-len(tasks) * rows * block // max_rays)]
         traced, seconds = 0, 0.0
         with ThreadPoolExecutor(self.threads) as pool:
-            # A few at a time, to bound the memory: 100 MB.
+            # A few at a time, to bound the memory: 150 MB.
             for group in range(0, len(tasks), _GROUP):
                 batches = []
-                for b, i in tasks[group : group + _GROUP]:
-                    part, u = slice(i, i + rows), slice(b, b + block)
-                    m = len(origins[part]) * block
-                    o, d = np.empty((m, 3), np.float32), np.empty((m, 3), np.float32)
-                    rays.make_rays(origins[part], units[part], first[u], second[u], bits[part], False, o, d)
-                    batches.append((o, d))
+                for s, b, i in tasks[group : group + _GROUP]:
+                    part = slice(i, min(i + rows, len(origins)))
+                    made = RayBuffers(part.stop - i, block)
+                    samples_of = sets[s][0][b : b + block], sets[s][1][b : b + block]
+                    m = estimator.make(s, origins[part], units[part], samples_of, shifts[s][part], made)
+                    batches.append((made.origins[:m], made.directions[:m]))
                 start = time.perf_counter()
-                list(pool.map(lambda batch: self._scene.run(*batch, query="OCCLUDED"), batches))
+                list(pool.map(lambda batch: self._hits(*batch), batches))
                 seconds += time.perf_counter() - start
                 traced += sum(len(o) for o, _ in batches)
         return traced / seconds if seconds else float("nan")
 
+    def _light(self, environment: Any, sampling: str) -> estimators.Light:
+        """The estimator of irradiance, with the tables of the latest environment where it is that one."""
+        key = getattr(environment, "texel_radiance", None), getattr(environment, "rotation", None), sampling
+        kept = self._sampler
+        if kept is None or any(a is not b for a, b in zip(kept, key, strict=False)):
+            sampler = estimators.sampler_of(environment, sampling == "mis")
+            self._sampler = kept = (*key, sampler)
+        return estimators.Light(kept[3])
+
+    def _hits(
+        self, origins: npt.NDArray[np.float32], directions: npt.NDArray[np.float32]
+    ) -> npt.NDArray[Any]:
+        """Negative for each ray that meets nothing."""
+        if not len(origins):
+            return np.empty(0, np.int32)
+        return np.asarray(self._scene.run(origins, directions, query="OCCLUDED"))
+
     def _checked(
-        self, points: npt.ArrayLike, normals: npt.ArrayLike, samples: int
+        self, points: npt.ArrayLike, normals: npt.ArrayLike, samples: int, fewest: int
     ) -> tuple[npt.NDArray[np.float32], FloatArray, int]:
         p, _ = points_array(points)
         n = normals_array(normals, len(p))
-        samples = positive_int(samples, "samples", maximum=MAX_SAMPLES)
+        samples = positive_int(samples, "samples", fewest, MAX_SAMPLES)
         if samples & (samples - 1):
             near = 1 << samples.bit_length()
             raise InputError(
@@ -273,64 +335,62 @@ class EmbreeQMC:
         samples: int,
         seed: int,
         scrambles: int,
-        uniform: bool,
-        up: FloatArray | None,
+        estimator: Estimator,
         progress: Progress | None,
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Open rays per scramble and point: (R, n), or with `up` sums (R, n, 4) of w and of [up.w > 0]."""
-        origins, units, samples = self._checked(points, normals, samples)
+        """An estimator's sums per scramble and point, (R, n, ...), and what a result tells of the run."""
+        origins, units, samples = self._checked(points, normals, samples, estimator.streams)
         scrambles = positive_int(scrambles, "scrambles")
         seed = positive_int(seed, "seed", minimum=0, maximum=2**63 - 1)
-        n, block = len(origins), min(samples, BLOCK)
-        sets = [sequence.sobol_bits(samples, seed, r) for r in range(scrambles)]
+        streams = scrambles * estimator.streams  # all of them independent
+        n, each = len(origins), samples // estimator.streams
+        block = min(each, BLOCK)
+        sets = [sequence.sobol_bits(each, seed, s) for s in range(streams)]
         start = time.perf_counter()
         order, origins, units = _sorted_in_space(origins, units)
-        bits = [sequence.point_bits(origins, units, seed, r) for r in range(scrambles)]
-        rows = self._rows(n * scrambles * (samples // block), block)
-        out = np.zeros((scrambles, samples // block, n) + (() if up is None else (4,)), np.float64)
+        shifts = [sequence.point_bits(origins, units, seed, s) for s in range(streams)]
+        rows = self._rows(n * streams * (each // block), block)
+        out = np.zeros((streams, each // block, n, *estimator.columns), np.float64)
         scratch = local()
 
-        def work(r: int, b: int, i: int) -> int:
-            if not hasattr(scratch, "origins"):
-                scratch.origins = np.empty((rows * block, 3), np.float32)
-                scratch.directions = np.empty((rows * block, 3), np.float32)
-            part = slice(i, min(i + rows, n))
-            m = (part.stop - i) * block
-            o, d = scratch.origins[:m], scratch.directions[:m]
+        def work(s: int, b: int, i: int) -> tuple[int, int]:
+            if not hasattr(scratch, "rays"):
+                scratch.rays = RayBuffers(rows, block)
+            part, made = slice(i, min(i + rows, n)), scratch.rays
+            kind = s % estimator.streams
             u = slice(b * block, (b + 1) * block)
-            rays.make_rays(
-                origins[part], units[part], sets[r][0][u], sets[r][1][u], bits[r][part], uniform, o, d
-            )
-            hits = self._scene.run(o, d, query="OCCLUDED")
-            if up is None:
-                rays.count_open(hits, out[r, b, part])
-            else:
-                rays.sum_open(hits, d, up, out[r, b, part])
-            return m
+            samples_of = sets[s][0][u], sets[s][1][u]
+            m = estimator.make(kind, origins[part], units[part], samples_of, shifts[s][part], made)
+            hits = self._hits(made.origins[:m], made.directions[:m])
+            estimator.add(kind, hits, units[part], made, out[s, b, part])
+            return (part.stop - i) * block, m
 
-        tasks = itertools.product(range(scrambles), range(samples // block), range(0, n, rows))
+        tasks = itertools.product(range(streams), range(each // block), range(0, n, rows))
         total = n * samples * scrambles
         with ThreadPoolExecutor(self.threads) as pool:
             pending = {pool.submit(work, *task) for task in tasks}
-            done_rays = 0
+            done_samples, traced = 0, 0
             try:
                 while pending:
                     done, pending = wait(pending, timeout=0.2, return_when=FIRST_EXCEPTION)
-                    done_rays += sum(f.result() for f in done)
+                    for future in done:
+                        done_samples += future.result()[0]
+                        traced += future.result()[1]
                     if progress is not None:
-                        progress(done_rays, total)
+                        progress(done_samples, total)
             except BaseException:
                 # Ctrl-C included: what has not started never will.
                 for future in pending:
                     future.cancel()
                 raise
         # Blocks are added in their order, whichever thread did them; points go back to theirs.
-        sums = np.empty_like(out[:, 0])
-        sums[:, order] = functools.reduce(np.add, out.swapaxes(0, 1))
+        kinds = out.reshape(scrambles, estimator.streams * (each // block), *out.shape[2:])
+        sums = np.empty_like(kinds[:, 0])
+        sums[:, order] = functools.reduce(np.add, kinds.swapaxes(0, 1))
         info = {
             "samples": samples,
             "scrambles": scrambles,
-            "rays": total,
+            "rays": traced,
             "seconds": time.perf_counter() - start,
             "threads": self.threads,
         }
@@ -405,15 +465,3 @@ def _sorted_in_space(
     """Consecutive batches should meet the same part of the scene."""
     order = sequence.space_order(origins)
     return order, origins[order], units[order]
-
-
-def _result(per_scramble: FloatArray, **info: Any) -> ReferenceResult:
-    # Scrambles last and contiguous: NumPy then sums each point's the same way for one point as for many.
-    estimates = np.ascontiguousarray(np.moveaxis(per_scramble, 0, -1))
-    scrambles = info["scrambles"]
-    value = estimates.mean(axis=-1)
-    if scrambles > 1:
-        error = estimates.std(axis=-1, ddof=1) / np.sqrt(scrambles)
-    else:
-        error = np.full_like(value, np.nan)
-    return ReferenceResult(value=value, standard_error=error, **info)

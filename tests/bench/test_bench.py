@@ -13,6 +13,7 @@ import pytest
 
 from silint.bench import bench_command, plot, plot_scaling, print_tables, run_bench, scaling, truth
 from silint.bench.measure import LEVELS, prepare_references, supported_methods
+from silint.bench.quantity import Quantity
 from silint.bench.sites import area_samples, shade_sites, spread
 from silint.bench.tolerance import calibrate
 from silint.reference import EmbreeQMC, embree_available
@@ -79,13 +80,15 @@ def test_embree_convicts_a_wrong_reference(monkeypatch: pytest.MonkeyPatch) -> N
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (256, 2)), np.full(256, 1e-3)])
     normals = np.tile([0.0, 0, 1], (256, 1))
-    options = {"seed": 0, "weighting": "cosine"}
+    options = {"seed": 0}
     embree = EmbreeQMC(scene.vertices, scene.faces)
-    right = truth.reference(scene.vertices, scene.faces, points, normals, options, lambda *_: None)
+    right = truth.reference(
+        scene.vertices, scene.faces, points, normals, Quantity(), options, lambda *_: None
+    )
     wrong = right.value.copy()
     wrong[17] += 0.01
     shifted = truth.Reference(wrong, right.standard_error, right.isolines, right.rotations)
-    found = truth.check(embree, shifted, points, normals, options, lambda *_: None)
+    found = truth.check(embree, shifted, points, normals, Quantity(), options, lambda *_: None)
     assert [f["point"] for f in found["beyond_5_sigma"]] == [points[17].tolist()]
     assert found["p_value"] < 1e-9
 
@@ -94,7 +97,7 @@ def test_the_report_is_json_and_prints(report: dict[str, Any]) -> None:
     from rich.console import Console
 
     assert json.loads(json.dumps(report)) == report
-    assert report["schema"] == "silint-bench/2"
+    assert report["schema"] == "silint-bench/3"
     out = io.StringIO()
     print_tables(report, Console(file=out, width=100))
     text = out.getvalue()
@@ -134,6 +137,10 @@ def test_the_figure(report: dict[str, Any], tmp_path: Path, suffix: str, magic: 
         ({"repeats": 0}, "repeats is 0"),
         ({"seconds": 0.0}, "seconds is 0"),
         ({"weighting": "area"}, "weighting is 'area'"),
+        ({"quantity": "bent"}, "quantity is 'bent'"),
+        ({"quantity": "sh", "max_degree": 17}, "max_degree is 17"),
+        ({"quantity": "irradiance"}, "--envmap MAP"),
+        ({"quantity": "irradiance", "envmap": "no-such-map.hdr"}, "no-such-map.hdr"),
         ({"json_file": "no/such/folder/x.json"}, "does not exist"),
         ({"json_file": "x.txt"}, "unknown suffix"),
         ({"plot_file": "x.bmp"}, "unknown suffix"),
