@@ -205,7 +205,7 @@ def test_bad_options_are_named(options: dict[str, object], message: str) -> None
 @pytest.mark.parametrize("height", [1, 32, 100])
 def test_directions_lead_to_texels(height: int) -> None:
     light = light_sampler(np.random.default_rng(0).uniform(0.1, 1, (height, 2 * height, 1)), TURN)
-    rows, columns = light.column_guide.shape
+    rows, columns = len(light.column_cdf), light.column_cdf.shape[1] - 1
     assert rows % height == 0 and columns == 2 * rows >= 128
     w = np.random.default_rng(1).normal(size=(5000, 3))
     w = np.concatenate([w / np.linalg.norm(w, axis=1)[:, None], [TURN[:, 1], -TURN[:, 1]]])
@@ -225,7 +225,7 @@ def test_directions_lead_to_texels(height: int) -> None:
 @pytest.mark.parametrize("environment", [_smooth(), _sunny(100.0)], ids=["smooth", "sunny"])
 def test_light_is_sampled_by_its_density(environment: Environment) -> None:
     light = light_sampler(environment.texel_radiance, environment.rotation)
-    rows, columns = light.column_guide.shape
+    rows, columns = len(light.column_cdf), light.column_cdf.shape[1] - 1
     q = light.texels[:, 3].astype(np.float64).reshape(rows, columns)
     y = np.cos(np.pi * np.arange(rows + 1) / rows)
     p = q * ((y[:-1] - y[1:]) * 2 * np.pi / columns)[:, None]
