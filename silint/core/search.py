@@ -31,7 +31,7 @@ from silint.core.filters import (
     tile_edge_mask,
     tile_mask,
 )
-from silint.core.jit import INNER, KERNEL
+from silint.core.jit import INNER
 from silint.core.lanes import WIDTH, lowest
 
 TILE = 32  # shade points that share a traversal
@@ -210,7 +210,7 @@ class Search(NamedTuple):
     stack: np.ndarray  # (depth, 2) int64
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def new_search(n_blocks, capacity):
     """Room for so many blocks of packets, and edges for each point; a search makes more as it needs it."""
     return Search(
@@ -226,7 +226,7 @@ def new_search(n_blocks, capacity):
     )
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def search_tile(search, trees, tile, q, lines, tally):
     """Edges of two trees that the points of a tile need.
 
@@ -251,8 +251,9 @@ def search_tile(search, trees, tile, q, lines, tally):
     candidates, packets, edge_ids = search.candidates, search.packets, search.edge_ids
     ids, sides = search.ids, search.sides
     # The candidates of the second tree begin with a packet of their own.
+    zero = np.int64(0)  # a literal would compile what follows twice
     while True:
-        middle = _gather_candidates(trees[0], tile, search.stack, candidates, edge_ids, 0, tally[0])
+        middle = _gather_candidates(trees[0], tile, search.stack, candidates, edge_ids, zero, tally[0])
         second = (middle + WIDTH - 1) // WIDTH * WIDTH
         last = _gather_candidates(trees[1], tile, search.stack, candidates, edge_ids, second, tally[0])
         if last <= len(edge_ids):
@@ -261,10 +262,10 @@ def search_tile(search, trees, tile, q, lines, tally):
         candidates = np.empty(n_blocks * WIDTH * CANDIDATE_BLOCK, np.float32)
         packets = np.empty(n_blocks * PACKET_BLOCK, np.float32)
         edge_ids = np.empty(n_blocks * WIDTH * WIDTH, np.int32)
-    _bound_packets(candidates, 0, middle, packets)
+    _bound_packets(candidates, zero, middle, packets)
     _bound_packets(candidates, second, last, packets)
     for which in range(2):
-        first, end = (second, last) if which > 0 else (0, middle)
+        first, end = (second, last) if which > 0 else (zero, middle)
         ids, sides = _find_edges(
             packets,
             candidates,
@@ -323,7 +324,9 @@ def _find_edges(
 @njit(**INNER)
 def _longer_rows(array):
     longer = np.empty((len(array), 2 * array.shape[1]), array.dtype)
-    longer[:, : array.shape[1]] = array
+    for i in range(len(array)):  # not by slices, whose checks of shapes take 3 s to compile
+        for j in range(array.shape[1]):
+            longer[i, j] = array[i, j]
     return longer
 
 
