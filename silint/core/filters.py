@@ -22,7 +22,6 @@ from silint.core.bundles import (
     OFFSET_HALF,
     PLANE_A,
     PLANE_B,
-    RADIUS,
     VERTEX_A,
     VERTEX_B,
 )
@@ -53,7 +52,7 @@ _CX, _CY, _CZ = (np.uint64((CENTRE + i) * WIDTH) for i in range(3))
 _HX, _HY, _HZ = (np.uint64((HALF + i) * WIDTH) for i in range(3))
 _NX, _NY, _NZ = (np.uint64((NORMAL + i) * WIDTH) for i in range(3))
 _MX, _MY, _MZ = (np.uint64((NORMAL_HALF + i) * WIDTH) for i in range(3))
-_R, _O, _OH = (np.uint64(i * WIDTH) for i in (RADIUS, OFFSET, OFFSET_HALF))
+_O, _OH = (np.uint64(i * WIDTH) for i in (OFFSET, OFFSET_HALF))
 # And of an edge's.
 _AX, _AY, _AZ, _AO = (np.uint64((PLANE_A + i) * WIDTH) for i in range(4))
 _BX, _BY, _BZ, _BO = (np.uint64((PLANE_B + i) * WIDTH) for i in range(4))

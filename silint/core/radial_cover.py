@@ -51,10 +51,9 @@ _N_SEEN = 3
 _F = np.float32
 _ZERO, _ONE, _HALF_LINE = _F(0.0), _F(1.0), _F(0.5)
 _TINY = _F(1e-30)
-_FULL_TURN = _F(1e9)
 
 _UW = np.uint64(WIDTH)
-_U1, _U2, _U3, _U4, _U5, _U6, _U7, _U8 = (np.uint64(i * WIDTH) for i in range(1, 9))
+_U1, _U2 = np.uint64(WIDTH), np.uint64(2 * WIDTH)
 _CX, _CY, _CZ = (np.uint64((CENTRE + i) * WIDTH) for i in range(3))
 _HX, _HY, _HZ = (np.uint64((HALF + i) * WIDTH) for i in range(3))
 

@@ -1,5 +1,6 @@
 """What is integrated over visible intervals. Nothing here knows of meshes.
 
-An integrand is a prefix table (`moments` holds those of the smooth ones) and a line of NumPy that combines
-its integrals over what is visible and over the open hemisphere.
+A new integrand goes here: in closed form along radial isolines (`radial`, `radial_sh`), or by a prefix table
+along octahedral ones (`moments` and `octahedral_sh` tabulate functions, `light` maps; `fractions` combines
+integrals over what is visible and over the open hemisphere). CONTRIBUTING.md tells the steps.
 """
