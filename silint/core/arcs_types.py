@@ -1,4 +1,4 @@
-"""What phase one of the exact mode hands to phase two: the boundary of what each point sees."""
+"""Boundary arcs: what exact phase one knows of the visible region, and exact phase two reads."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import numpy as np
 
 
 class Arcs(NamedTuple):
-    """Great-circle arcs that bound the visible part of the hemisphere over each shade point.
+    """The boundaries of the regions that n shade points see, as great circle arcs in no particular order.
 
-    Every arc is shorter than pi and runs a -> b with the visible side on its left, seen from outside the
-    sphere: N is parallel to a x b. Stretches of the horizon have N = n and are at most pi/2 long. A point's
-    arcs come in any order; together they are the whole boundary, of any number of pieces with holes.
+    An arc is shorter than pi and has the visible side on its left, seen from outside the sphere. Stretches of
+    the horizon run counter-clockwise about the normal.
     """
 
-    points: np.ndarray  # (n, 3) float64, lifted, in scaled units
+    points: np.ndarray  # (n, 3) float64, scaled units, lifted
     normals: np.ndarray  # (n, 3) float64, unit
     counts: np.ndarray  # (n,) int64: arcs of each point
     starts: np.ndarray  # (n,) int64: first row of each point's arcs
-    directions: np.ndarray  # (m, 9) float64: unit start a, unit end b, unit inner normal N of the arc's plane
-    edges: np.ndarray  # (m, 2) int32: vertices of the edge, from a's side to b's; -1, -1 for the horizon
+    directions: np.ndarray  # (m, 9) float64: unit start and end, unit normal of the plane (to the left)
+    edges: np.ndarray  # (m, 2) int32: mesh vertices from start to end; -1, -1 on the horizon
