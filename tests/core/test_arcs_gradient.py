@@ -152,6 +152,28 @@ def test_arcs_near_pi(quantity, distance):
         expected = 0.5 * np.pi * np.array([-(z**2), 0.0, x * z]) / r**3
         found = by_point[0, :, 2]
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=3.0 * (distance / reach) / r + 1e-9 / distance)
+    # The middle of an arc that lacks 1e-8 of pi has to come from the difference of its ends, not their sum.
+    pieces = make_arcs(p[None], n[None], wall, [polygon([0, 1, 2, 3])], cuts=9)
+    _, in_pieces, _, _ = gradient(pieces, wall, quantity)
+    np.testing.assert_allclose(by_point, in_pieces, rtol=0.0, atol=1e-12 / distance)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_an_arc_of_no_length_counts_for_nothing(quantity):
+    vertices, hulls = SCENES["a triangle overhead"]
+    arcs = make_arcs(POINT[None], NORMAL[None], vertices, hulls)
+    point_like = arcs.directions[:1].copy()
+    point_like[0, 3:6] = point_like[0, :3]
+    longer = arcs._replace(
+        counts=arcs.counts + 1,
+        directions=np.concatenate([arcs.directions, point_like]),
+        edges=np.concatenate([arcs.edges, arcs.edges[:1]]),
+    )
+    whole, also = (gradient(a, vertices, quantity) for a in (arcs, longer))
+    for a, b in zip(whole, also, strict=True):
+        np.testing.assert_array_equal(a, b)
+    one = np.ones_like(whole[0])
+    np.testing.assert_array_equal(*(pullback(a, vertices, quantity, one)[0] for a in (arcs, longer)))
 
 
 @pytest.mark.parametrize("size", [1e-2, 1e-4, 1e-6])
