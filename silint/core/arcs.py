@@ -91,7 +91,7 @@ def _passes_start(vertices, a, b, p, n, frame):
 
 
 @njit(**INNER)
-def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts, starts, sound, tally):
+def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts, starts, frames, tally):
     """Arcs of the points [first, last), tile by tile, in one list."""
     frame = np.empty((3, 3))
     tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
@@ -191,7 +191,7 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                     _turn_frame(frame)
                 else:
                     break
-            sound[i] = 0 if is_sound == 0 else 1 + attempt
+            frames[i] = 0 if is_sound == 0 else 1 + attempt
             tally[i, CROSSINGS] += crossings
             if n_found + n_arcs > len(directions):
                 directions = grow_rows(directions, 2 * (n_found + n_arcs))
@@ -214,7 +214,7 @@ def boundary_arcs(
     per_block,
     counts,
     starts,
-    sound,
+    frames,
     directions,
     edges,
     needed,
@@ -236,8 +236,8 @@ def boundary_arcs(
         Points of a block, a multiple of TILE.
     counts, starts : (n,) int64, out
         Arcs of each point, and the first row of them within its block.
-    sound : (n,) int8, out
-        1, 2 where it took the second frame, 0 where both failed.
+    frames : (n,) int8, out
+        1, 2 where the first contradicted itself, 0 where the second did too.
     directions, edges : (blocks, capacity, 9) float64, (blocks, capacity, 2) int32, out
         See Arcs; tightly packed within a block.
     needed : (blocks,) int64, out
@@ -262,7 +262,7 @@ def boundary_arcs(
             last,
             counts,
             starts,
-            sound,
+            frames,
             tally,
         )
         needed[block] = n_found
