@@ -316,7 +316,10 @@ class Environment:
         return self._three(self.texel_radiance[row, column].astype(np.float64))
 
     def irradiance(self, normals: npt.ArrayLike) -> FloatArray:
-        """int L max(n.w, 0) dw without occluders, by a sum over all texels: normals (n, 3) -> (n, 3)."""
+        """int L max(n.w, 0) dw without occluders, to rounding: normals (n, 3) -> (n, 3).
+
+        A sum over all texels; those that straddle the horizon are clipped by it.
+        """
         n = _unit_rows(normals, "normals")
         if self.is_constant:
             return self._three(np.tile(np.pi * self._first, (len(n), 1)))
