@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.integrands import fractions, octahedral_sh, radial, radial_sh
+from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import RadialIntervals
 from silint.environment import Environment
 from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
-from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
+from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
 from silint.scene import as_scene
 from silint.sh import MAX_DEGREE

@@ -18,6 +18,7 @@ from silint.bench.quantity import Quantity, quantity_of
 from silint.bench.rows import EMBREE, LEVELS, equal_error, points_to_pay
 from silint.bench.sites import SITES, shade_sites, spread
 from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
+from silint.core.jit import KERNEL_LOCK
 from silint.core.visible import tile_order
 from silint.validation import InputError, choice, positive_int
 
@@ -395,7 +396,8 @@ def in_company(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.intp]:
 
     Points that are asked for together share work with their neighbours; a few picked far apart would not.
     """
-    order = tile_order(points, normals)
+    with KERNEL_LOCK:
+        order = tile_order(points, normals)
     runs = [order[i : i + _RUN] for i in range(0, len(order), _RUN)]
     return np.concatenate([runs[i] for i in spread(len(runs))]).astype(np.intp)
 
