@@ -176,6 +176,11 @@ def run_bench(
     bad = [r for r in rays if r & (r - 1)]
     if bad:
         raise InputError(f"rays must be powers of two, as Sobol sequences are; {bad[0]} is not one")
+    if min(rays) < measured.fewest_rays:
+        raise InputError(
+            f"rays is {min(rays)}; irradiance takes {measured.fewest_rays} at least, one of the cosine and "
+            "one of the light"
+        )
     known = supported_methods(methods, measured)
     supported_methods([reference_method], measured)
     options = {
