@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from silint.core import cie_sky, equirect
 from silint.core.integrands.light import LightTable, constant_light, texel_light
+from silint.core.jit import KERNEL_LOCK
 from silint.core.prefix_table import NODES_PER_QUARTER
 from silint.core.texel_table import cells_per_quarter
 from silint.io.images import read_image
@@ -316,11 +317,16 @@ class Environment:
         return self._three(self.texel_radiance[row, column].astype(np.float64))
 
     def irradiance(self, normals: npt.ArrayLike) -> FloatArray:
-        """int L max(n.w, 0) dw without occluders, by a sum over all texels: normals (n, 3) -> (n, 3)."""
+        """int L max(n.w, 0) dw without occluders, to rounding: normals (n, 3) -> (n, 3).
+
+        A sum over all texels; those that straddle the horizon are clipped by it.
+        """
         n = _unit_rows(normals, "normals")
         if self.is_constant:
             return self._three(np.tile(np.pi * self._first, (len(n), 1)))
-        return self._three(equirect.irradiance(self.texel_radiance, self._in_map(n)))
+        with KERNEL_LOCK:
+            found = equirect.irradiance(self.texel_radiance, self._in_map(n))
+        return self._three(found)
 
     def total(self) -> FloatArray:
         """int L dw over the sphere: (3,)."""
@@ -368,16 +374,16 @@ class Environment:
             Of kind "constant" or "texels"; see `silint.core.integrands.light`.
         """
         isolines = positive_int(isolines, "isolines")
-        table = self._tables.get(isolines)
-        if table is None:
-            if self.is_constant:
-                table = constant_light(_read_only(self._first), isolines)
-            else:
-                table = texel_light(self.texel_radiance, self.rotation, isolines)
-            # Threads may build a table twice, and then hold equal ones.
-            self._tables[isolines] = table
-            for old in list(self._tables)[:-_TABLES_KEPT]:
-                self._tables.pop(old, None)
+        with KERNEL_LOCK:
+            table = self._tables.get(isolines)
+            if table is None:
+                if self.is_constant:
+                    table = constant_light(_read_only(self._first), isolines)
+                else:
+                    table = texel_light(self.texel_radiance, self.rotation, isolines)
+                self._tables[isolines] = table
+                for old in list(self._tables)[:-_TABLES_KEPT]:
+                    del self._tables[old]
         return table
 
     def table_bytes(self, isolines: int) -> int:

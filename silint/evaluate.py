@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
+from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import RadialIntervals
-from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
+from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.validation import InputError, choice, positive_int, positive_number
 from silint.visibility import FloatArray, Result, Visibility, check_table
 

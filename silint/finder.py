@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 
@@ -13,6 +12,7 @@ from silint.core.arcs_types import Arcs
 from silint.core.bundles import build_edge_bundles
 from silint.core.contour import CONTOURS, CROSSINGS, EDGES, NODES, SNAPPED
 from silint.core.face_bundles import build_face_bundles
+from silint.core.jit import KERNEL_LOCK
 from silint.core.lift import lift_points
 from silint.core.radial import RadialIntervals
 from silint.core.search import TILE
@@ -48,9 +48,6 @@ _TILED_POINTS = 1 << 17
 # Points that a thread takes at a time.
 _PER_BLOCK = 8 * TILE
 
-# Numba's simplest threading layer may not be entered twice at a time.
-KERNEL_LOCK = threading.Lock()
-
 
 class VisibleFinder:
     """The hierarchies over a scene, and what is visible past it."""
@@ -58,8 +55,9 @@ class VisibleFinder:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.geometry = scene.topology
-        contour, boundary, self.flat_edges = build_edge_bundles(self.geometry)
-        self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry, corners=False))
+        with KERNEL_LOCK:
+            contour, boundary, self.flat_edges = build_edge_bundles(self.geometry)
+            self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry, corners=False))
         self._cover: bool | None = None
 
     @property

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core import sh_rotation
+from silint.core.jit import KERNEL_LOCK
 from silint.core.sh import degrees, harmonics, hemisphere_zonal, sphere_rule
 from silint.validation import (
     InputError,
@@ -72,7 +73,7 @@ def evaluate(directions: npt.ArrayLike, max_degree: int) -> FloatArray:
     """
     degree = _degree(max_degree)
     rows, _ = points_array(directions, "directions")
-    return harmonics(normals_array(rows, len(rows), "directions"), degree)
+    return _harmonics(normals_array(rows, len(rows), "directions"), degree)
 
 
 def project(
@@ -100,7 +101,7 @@ def project(
     exact = positive_int(exact, "exact_degree", 2 * degree, 4096)
     directions, weights = sphere_rule(exact)
     values = _sample_values(function(directions), len(directions), "function returned values; they")
-    return _weighted_sum(harmonics(directions, degree), weights, values)
+    return _weighted_sum(_harmonics(directions, degree), weights, values)
 
 
 def project_samples(
@@ -128,7 +129,7 @@ def project_samples(
     """
     degree = _degree(max_degree)
     rows, _ = points_array(directions, "directions")
-    basis = harmonics(normals_array(rows, len(rows), "directions"), degree)
+    basis = _harmonics(normals_array(rows, len(rows), "directions"), degree)
     known = _sample_values(values, len(rows), "values")
     if weights is not None:
         solid_angle = _real(weights, "weights")
@@ -164,7 +165,8 @@ def rotate(coefficients: npt.ArrayLike, rotation: Rotation, axis: int = -1) -> F
     moved, degree = _last(coefficients, axis)
     rows = moved.reshape(-1, moved.shape[-1]).copy()
     turn = np.ascontiguousarray(rotation_matrix(rotation, "rotation"))
-    sh_rotation.rotate_many(turn, degree + 1, *sh_rotation.exchange(degree), rows)
+    with KERNEL_LOCK:
+        sh_rotation.rotate_many(turn, degree + 1, *sh_rotation.exchange(degree), rows)
     return np.moveaxis(rows.reshape(moved.shape), -1, axis)
 
 
@@ -184,7 +186,9 @@ def rotation_blocks(rotation: Rotation, max_degree: int) -> list[FloatArray]:
         Orthogonal; the new coefficients of a degree are its matrix times the old ones.
     """
     turn = np.ascontiguousarray(rotation_matrix(rotation, "rotation"))
-    return sh_rotation.rotation_blocks(turn, _degree(max_degree))
+    degree = _degree(max_degree)
+    with KERNEL_LOCK:
+        return sh_rotation.rotation_blocks(turn, degree)
 
 
 def convolve(coefficients: npt.ArrayLike, zonal: npt.ArrayLike, axis: int = -1) -> FloatArray:
@@ -278,6 +282,11 @@ def convert(coefficients: npt.ArrayLike, source: str, target: str, axis: int = -
 def max_degree_of(coefficients: npt.ArrayLike, axis: int = -1) -> int:
     """L of an array of coefficients, from the length (L + 1)^2 of its axis."""
     return _last(coefficients, axis)[1]
+
+
+def _harmonics(directions: FloatArray, degree: int) -> FloatArray:
+    with KERNEL_LOCK:
+        return harmonics(directions, degree)
 
 
 # ------------------------------------------------------------------------------------------------ checking

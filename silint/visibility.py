@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.integrands import fractions, light, octahedral_sh
+from silint.core.jit import KERNEL_LOCK
 from silint.core.prefix_table import PrefixTable, build_prefix_table, integrate_intervals
 from silint.environment import Environment
 from silint.io import check_output, write_bytes
@@ -68,23 +69,27 @@ class Visibility:
     def ambient_occlusion(self, weighting: str = "cosine") -> FloatArray:
         """Open fraction of each hemisphere, (n,); see `SilhouetteIntegrator.ambient_occlusion`."""
         choice(weighting, "weighting", WEIGHTINGS)
-        return fractions.hemisphere_fraction(self.normals, self._visible, self.isolines, weighting)[0]
+        with KERNEL_LOCK:
+            return fractions.hemisphere_fraction(self.normals, self._visible, self.isolines, weighting)[0]
 
     def bent_normals(self) -> FloatArray:
         """Mean unoccluded directions, (n, 3); see `SilhouetteIntegrator.bent_normals`."""
-        return fractions.bent_normal(self.normals, self._visible, self.isolines)[0]
+        with KERNEL_LOCK:
+            return fractions.bent_normal(self.normals, self._visible, self.isolines)[0]
 
     def sky_view_factor(self, up: npt.ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
         """Fraction of the light of a uniform sky, (n,); see `SilhouetteIntegrator.sky_view_factor`."""
         axis = unit_vector(up, "up")
-        return fractions.sky_view_factor(self.normals, self._visible, self.isolines, axis)[0]
+        with KERNEL_LOCK:
+            return fractions.sky_view_factor(self.normals, self._visible, self.isolines, axis)[0]
 
     def sh_transfer(self, max_degree: int = 4, weighting: str = "cosine") -> FloatArray:
         """Spherical harmonics of what is visible, (n, (L + 1)^2); see `SilhouetteIntegrator.sh_transfer`."""
         choice(weighting, "weighting", WEIGHTINGS)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
         check_table(self.isolines, octahedral_sh.most_isolines(degree, weighting))
-        return octahedral_sh.sh_transfer(self.normals, self._visible, self.isolines, degree, weighting)[0]
+        with KERNEL_LOCK:
+            return octahedral_sh.sh_transfer(self.normals, self._visible, self.isolines, degree, weighting)[0]
 
     def irradiance(self, environment: Environment) -> FloatArray:
         """What arrives from an environment, (n, 3); see `SilhouetteIntegrator.irradiance`."""
@@ -95,7 +100,8 @@ class Visibility:
     def _irradiance(self, environment: Environment) -> tuple[FloatArray, FloatArray]:
         """The same, and its error estimate."""
         table = environment.moment_table(self.isolines)
-        value, estimate = light.irradiance(self.normals, self._visible, table)
+        with KERNEL_LOCK:
+            value, estimate = light.irradiance(self.normals, self._visible, table)
         return np.broadcast_to(value, (len(value), 3)).copy(), estimate
 
     def integrate(self, table: PrefixTable | Any) -> FloatArray:
@@ -118,7 +124,8 @@ class Visibility:
             raise InputError(f"table is a {type(table).__name__}; expected a PrefixTable or a function")
         if len(table.values) != self.isolines:
             raise InputError(f"table has {len(table.values)} isolines; this visibility has {self.isolines}")
-        parts = integrate_intervals(table.values, table.nodes_per_quarter, *self._visible, self.isolines)
+        with KERNEL_LOCK:
+            parts = integrate_intervals(table.values, table.nodes_per_quarter, *self._visible, self.isolines)
         total: FloatArray = parts.sum(axis=1)
         return total
 

@@ -110,7 +110,7 @@ def test_rotations(seed: int) -> None:
     turned = env.rotated(turn)
     w = units(20, seed)
     np.testing.assert_array_equal(turned.total(), env.total())
-    # The parts of texels at the horizon are the same ones but for rounding.
+    # What is rounded on the way turns with the rest.
     np.testing.assert_allclose(turned.irradiance(w @ turn.T), env.irradiance(w), rtol=1e-9)
     centres = env.texels().directions
     np.testing.assert_array_equal(turned.radiance(centres @ turn.T), env.radiance(centres))

@@ -63,7 +63,8 @@ scenes : list of
         {method, setting, points, rounds, seconds, us_per_point, rmse, max_error, resolved,
          prepare_seconds, diagnostics (silint), rays_per_second, bare_rays_per_second (embree)}
         method : one of silint's, or "embree"
-        setting : isolines or rays a point (samples: those of the light under the horizon make no ray);
+        setting : isolines (of harmonics, as many as their degree needs: see diagnostics) or rays a point
+            (samples: those of the light under the horizon make no ray);
             seconds : median over rounds, for `points` points
         rmse, max_error : over error_points; resolved : rmse >= 4 standard errors of the reference
         diagnostics : of a run over as many points as they say

@@ -18,6 +18,7 @@ from silint.bench.quantity import Quantity, quantity_of
 from silint.bench.rows import EMBREE, LEVELS, equal_error, points_to_pay
 from silint.bench.sites import SITES, shade_sites, spread
 from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
+from silint.core.jit import KERNEL_LOCK
 from silint.core.visible import tile_order
 from silint.validation import InputError, choice, positive_int
 
@@ -175,6 +176,11 @@ def run_bench(
     bad = [r for r in rays if r & (r - 1)]
     if bad:
         raise InputError(f"rays must be powers of two, as Sobol sequences are; {bad[0]} is not one")
+    if min(rays) < measured.fewest_rays:
+        raise InputError(
+            f"rays is {min(rays)}; irradiance takes {measured.fewest_rays} at least, one of the cosine and "
+            "one of the light"
+        )
     known = supported_methods(methods, measured)
     supported_methods([reference_method], measured)
     options = {
@@ -395,7 +401,8 @@ def in_company(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.intp]:
 
     Points that are asked for together share work with their neighbours; a few picked far apart would not.
     """
-    order = tile_order(points, normals)
+    with KERNEL_LOCK:
+        order = tile_order(points, normals)
     runs = [order[i : i + _RUN] for i in range(0, len(order), _RUN)]
     return np.concatenate([runs[i] for i in spread(len(runs))]).astype(np.intp)
 

@@ -75,6 +75,11 @@ class Quantity:
             )
         return embree.ambient_occlusion(points, normals, samples, seed, self.weighting, scrambles, progress)
 
+    @property
+    def fewest_rays(self) -> int:
+        """Rays that Embree takes at least: one of the cosine, and one of what light there is to aim at."""
+        return 1 if self.environment is None or self.environment.is_constant else 2
+
     def most_isolines(self, isolines: int) -> int:
         """That many, or as many as memory is spent on for tables."""
         return isolines if self.environment is None else min(isolines, self.environment.most_isolines)

@@ -7,7 +7,8 @@ A map has H rows and 2 H columns; conventions.py says where they lie. A texel is
     int x dw = A 2 sin(d/2) cos(phi),   int z dw = A 2 sin(d/2) sin(phi),   A = h/2 - cos(2 theta) sin(h)/2
     int y dw = B d,                     B = sin(theta) cos(theta) sin(h)
 
-with (theta, phi) its centre, h its height and d its width in radians.
+with (theta, phi) its centre, h its height and d its width in radians. What lies above a horizon of one that
+straddles it is in core.texel_clip.
 """
 
 from __future__ import annotations
@@ -17,10 +18,8 @@ from collections.abc import Iterator
 import numpy as np
 from numba import njit, prange
 
-from silint.core.jit import INNER, KERNEL, PARALLEL
-
-# Texels that straddle a horizon are split so many times each way for irradiance.
-_STRADDLING_PARTS = 16
+from silint.core.jit import KERNEL, PARALLEL
+from silint.core.texel_clip import lit_part
 
 # So that a band of rows takes a fraction of a second, and can be interrupted.
 _NORMALS_AT_ONCE = 1024
@@ -70,7 +69,7 @@ def irradiance(radiance: np.ndarray, normals: np.ndarray) -> np.ndarray:
     Returns
     -------
     (n, C) float64
-        Exact for texels on one side of the horizon; one that straddles it is split in 16 x 16.
+        Exact to rounding: texels that straddle the horizon are clipped by it.
     """
     height = len(radiance)
     out = np.zeros((len(normals), radiance.shape[2]))
@@ -102,30 +101,18 @@ def _add_irradiance(band, first_row, height, normals, out):
         for r in range(n_rows):
             theta = np.pi * (first_row + r + 0.5) / height
             a, b = row_moments(theta, h)
-            # Half a texel's diagonal, as a height above the horizon, times its solid angle.
-            margin = 0.75 * h * 2.0 * np.sin(theta) * np.sin(0.5 * h) * h
+            # A texel's diagonal, as a height above the horizon, times its solid angle: where the mean height
+            # is beyond it, all of the texel is on one side.
+            margin = np.sqrt(2.0) * h * 2.0 * np.sin(theta) * np.sin(0.5 * h) * h
             row_sum[:] = 0.0
             for c in range(width):
                 cosine = a * chord * (nx * cos_phi[c] + nz * sin_phi[c]) + b * h * ny
                 if cosine < -margin:
                     continue
                 if cosine < margin:
-                    cosine = _straddling(theta, phi[c], h, nx, ny, nz)
+                    top, left = first_row + r, c - height
+                    cosine = lit_part(top * h, (top + 1) * h, left * h, (left + 1) * h, nx, ny, nz)
                 for channel in range(n_channels):
                     row_sum[channel] += band[r, c, channel] * cosine
             for channel in range(n_channels):
                 out[i, channel] += row_sum[channel]
-
-
-@njit(**INNER)
-def _straddling(theta, phi, h, nx, ny, nz):
-    """int max(n.w, 0) dw over one texel, by its parts."""
-    part = h / _STRADDLING_PARTS
-    chord = 2.0 * np.sin(0.5 * part)
-    total = 0.0
-    for i in range(_STRADDLING_PARTS):
-        a, b = row_moments(theta - 0.5 * h + (i + 0.5) * part, part)
-        for j in range(_STRADDLING_PARTS):
-            p = phi - 0.5 * h + (j + 0.5) * part
-            total += max(a * chord * (nx * np.cos(p) + nz * np.sin(p)) + b * part * ny, 0.0)
-    return total

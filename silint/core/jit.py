@@ -7,6 +7,7 @@ Private functions, which only other kernels call, are spared the wrappers, a six
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 # Division by zero gives infinity or NaN as in NumPy instead of an exception that every division must check.
@@ -15,3 +16,7 @@ INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True, "no_cfunc_wrapper
 # Loops over lanes that only have to be right up to a bound. NaN and infinity keep their meaning.
 FILTER: dict[str, Any] = {**INNER, "fastmath": {"contract", "nsz", "arcp", "reassoc"}}
 PARALLEL: dict[str, Any] = {**KERNEL, "parallel": True}
+
+# Held by whoever runs a parallel kernel: numba's simplest threading layer may not be entered by two threads
+# at a time, and ends the process if it is. Reentrant, as what holds it builds on what does.
+KERNEL_LOCK = threading.RLock()

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
+from silint.core.jit import KERNEL_LOCK
 from silint.reference import strip_cells
 
 __all__ = [
@@ -197,7 +198,8 @@ def visible_intervals(
     while True:
         counts = np.zeros(len(points) * isolines, np.int64)
         slots = np.empty((len(points) * isolines, capacity, 2))
-        _visible(positions, triangles, points, planes, isolines, counts, slots)
+        with KERNEL_LOCK:
+            _visible(positions, triangles, points, planes, isolines, counts, slots)
         if counts.max(initial=0) <= capacity:
             break
         capacity = int(counts.max())

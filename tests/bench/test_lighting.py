@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from silint import Environment, Scene, SilhouetteIntegrator
-from silint.bench import plot, print_tables, run_bench, truth
+from silint.bench import measure, plot, print_tables, run_bench, truth
 from silint.bench.quantity import Quantity, quantity_of
 from silint.bench.report import error_of
 from silint.reference import EmbreeQMC, embree_available
@@ -173,6 +173,16 @@ def test_every_setting_has_tables_of_its_own() -> None:
     table = copies[0].environment.moment_table(8)
     assert copies[0].environment.moment_table(8) is table
     assert copies[1].environment.moment_table(8) is not table
+
+
+def test_irradiance_takes_two_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refused before anything is compiled or measured; a constant sky needs one, having nothing to aim at."""
+    monkeypatch.setattr(measure, "supported_methods", lambda *_: pytest.fail("began to measure"))
+    with pytest.raises(InputError, match="rays is 1; irradiance takes 2 at least") as caught:
+        run_bench([_roof()], quantity="irradiance", environment=_sky(), rays=(64, 1))
+    assert "\n" not in str(caught.value)
+    assert Quantity("irradiance", environment=Environment.constant()).fewest_rays == 1
+    assert Quantity().fewest_rays == 1
 
 
 @pytest.mark.parametrize(
