@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from silint.visibility import Result as Result
     from silint.visibility import Visibility as Visibility
     from silint.visibility import prefix_table as prefix_table
+    from silint.visible_arcs import VisibleArcs as VisibleArcs
 
 # Numba takes most of a second to import: only what is used is loaded, when it is used.
 _HOME = {
@@ -38,6 +39,7 @@ _HOME = {
     "SilhouetteIntegrator": "integrator",
     "Transfer": "prt",
     "Visibility": "visibility",
+    "VisibleArcs": "visible_arcs",
     "ambient_occlusion": "one_shot",
     "load_scene": "scene",
     "prefix_table": "visibility",

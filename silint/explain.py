@@ -150,6 +150,27 @@ def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: s
     )
 
 
+def exact_plan(finder: VisibleFinder, request: str, weighting: str, max_degree: int) -> Plan:
+    """What a request needs in exact mode."""
+    if request == "sh_transfer":
+        integrand = f"zonal lobes of degrees 0 to {moment_degree(max_degree, weighting)}"
+    else:
+        integrand = {"bent_normals": "(n.w) w", "visibility": "nothing yet"}.get(
+            request, "n.w" if weighting == "cosine" or request == "sky_view_factor" else "1"
+        )
+    return Plan(
+        f"{request}, exact",
+        (
+            *_searches(finder),
+            Part("arrangement", True, "an angular sweep over all contour edges above the horizon, once"),
+            Part("second frame", False, "only for points whose depth counts contradict each other"),
+            Part("isolines", False, "only for points that the second frame does not settle"),
+            Part("tables", False, f"the integral of {integrand} along an arc has a closed form"),
+            _second_horizon(request),
+        ),
+    )
+
+
 def _searches(finder: VisibleFinder) -> tuple[Part, Part]:
     has_boundary = len(finder.bundles.boundary.ends) > 0
     return (

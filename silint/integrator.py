@@ -11,7 +11,7 @@ from silint.core.integrands import arcs as along_arcs
 from silint.core.integrands import arcs_sh, fractions, octahedral_sh, radial, radial_sh
 from silint.environment import Environment
 from silint.evaluate import MAX_ISOLINES, METHODS, Integrand, evaluate
-from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
+from silint.explain import REQUESTS, exact_plan, memory, octahedral_plan, radial_plan, scene_plan
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
 from silint.scene import as_scene
@@ -23,6 +23,7 @@ from silint.validation import (
     unit_vector,
 )
 from silint.visibility import WEIGHTINGS, Visibility, in_rows
+from silint.visible_arcs import VisibleArcs, compact, join
 
 
 class SilhouetteIntegrator:
@@ -270,19 +271,28 @@ class SilhouetteIntegrator:
         self,
         points: npt.ArrayLike,
         normals: npt.ArrayLike,
-        isolines: int = 64,
+        isolines: int | None = None,
         method: str = "octahedral",
         progress: Progress | None = None,
-    ) -> Visibility:
-        """The visible intervals themselves, to be integrated as often as wanted.
+    ) -> Any:
+        """The visible regions themselves, to be integrated as often as wanted.
+
+        Parameters
+        ----------
+        isolines : int, optional
+            Octahedral ones, by default 64.
+        method : {"auto", "octahedral", "exact"}
+            Intervals on lines, which serve any function of direction, or the exact boundary as arcs.
 
         Returns
         -------
-        Visibility
-            About 100 bytes an isoline and point.
+        Visibility, or VisibleArcs
+            About 100 bytes an isoline and point; about 90 bytes an arc.
         """
-        choice(method, "method", ("auto", "octahedral"))
-        lines = _at_least_two(isolines)
+        choice(method, "method", ("auto", "octahedral", "exact"))
+        if method == "exact":
+            return self._visible_arcs(points, normals, isolines, progress)
+        lines = max(positive_int(64 if isolines is None else isolines, "isolines", 1, MAX_ISOLINES), 2)
         p, n = self._finder.shade_points(points, normals)
         totals = diagnose(None, 0, 0, lines)
         lengths, intervals, rows = [], [], []
@@ -293,6 +303,22 @@ class SilhouetteIntegrator:
             add_counts(totals, visible.diagnostics)
         offsets, found = in_rows(len(p), lines, lengths, intervals, rows)
         return Visibility(n, lines, offsets, found, diagnostics=totals)
+
+    def _visible_arcs(
+        self,
+        points: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        isolines: int | None,
+        progress: Progress | None,
+    ) -> VisibleArcs:
+        if isolines is not None:
+            raise InputError("isolines given with method='exact', which takes no lines: leave it out")
+        p, n = self._finder.shade_points(points, normals)
+        totals, groups = diagnose(None, 0, 0, 0), []
+        for arcs, certain, counts, rows in self._finder.arcs(p, n, progress):
+            groups.append((compact(arcs, self.scene.first_vertices), certain, rows))
+            add_counts(totals, counts)
+        return VisibleArcs(*join(len(p), groups), diagnostics=totals)
 
     # ------------------------------------------------------------------ what is built, and why
 
@@ -325,6 +351,8 @@ class SilhouetteIntegrator:
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        if method == "exact" and request != "irradiance":
+            return exact_plan(self._finder, request, weighting, degree)
         if method == "octahedral" or request in ("visibility", "irradiance"):
             return octahedral_plan(self._finder, request, k, weighting, degree, environment)
         return radial_plan(self._finder, request, k, weighting, degree)
@@ -339,8 +367,3 @@ class SilhouetteIntegrator:
 
     def __repr__(self) -> str:
         return f"<silint.SilhouetteIntegrator of {self.scene!r}>"
-
-
-def _at_least_two(isolines: int) -> int:
-    """A single isoline, at u = 0, meets no hemisphere of a normal along x."""
-    return max(positive_int(isolines, "isolines", 1, MAX_ISOLINES), 2)

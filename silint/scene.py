@@ -103,6 +103,14 @@ class Scene:
         """How the file's vertices and faces map to the topology's, and the scale between them."""
         return self._connected[1]
 
+    @cached_property
+    def first_vertices(self) -> npt.NDArray[np.int32]:
+        """The first of the file's vertices at each of the topology's."""
+        vertex_map = self.welding.vertex_map
+        first = np.empty(len(self.topology.vertices), np.int32)
+        first[vertex_map[::-1]] = np.arange(len(vertex_map) - 1, -1, -1, dtype=np.int32)
+        return first
+
     @property
     def defects(self) -> dict[str, int]:
         """Counts of boundary, non-manifold and inconsistently wound edges, duplicate and zero-area faces,
