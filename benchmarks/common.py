@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -29,6 +31,7 @@ import numpy as np  # noqa: E402
 
 import scenes  # noqa: E402
 import silint  # noqa: E402
+from silint.io import write_bytes  # noqa: E402
 from silint.validation import InputError  # noqa: E402
 
 
@@ -56,6 +59,26 @@ def load(source: str, assets: str | None = None) -> silint.Scene:
         vertices, faces, normals, name = scene.vertices, scene.faces, scene.normals, path.stem
     rounded = np.asarray(vertices, np.float32).astype(np.float64)
     return silint.Scene(rounded, faces, normals, name=name)
+
+
+def mesh_hash(scene: silint.Scene) -> str:
+    parts = [scene.vertices, scene.faces] + ([] if scene.normals is None else [scene.normals])
+    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()[:16]
+
+
+def keep(path: Path, key: dict[str, Any], report: dict[str, Any]) -> dict[str, Any]:
+    """Write a report as soon as it is measured, with the key of what it is of; what `kept` then returns."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, (json.dumps({"key": key, "report": report}, indent=1) + "\n").encode())
+    return {**report, "source": key["source"]}
+
+
+def kept(path: Path, key: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The report that is kept there and the source it measured, if it is of that key, or whatever its key."""
+    if not path.is_file():
+        return None
+    found = json.loads(path.read_text(encoding="utf-8"))
+    return {**found["report"], "source": found["key"]["source"]} if key in (None, found["key"]) else None
 
 
 def markdown(header: list[str], rows: list[list[str]]) -> str:

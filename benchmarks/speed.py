@@ -15,14 +15,25 @@ time) and PREFIX_by_triangles.png (time to an error in the clutter family).
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
-from common import SOURCE, InputError, fail, find, insert, load, markdown, print_stage, write
+from common import (
+    SOURCE,
+    InputError,
+    fail,
+    find,
+    insert,
+    keep,
+    kept,
+    load,
+    markdown,
+    mesh_hash,
+    print_stage,
+    write,
+)
 
-from silint import Scene
 from silint.bench import plot, plot_scaling, run_bench, scaling
 from silint.bench.curves import Bounded
 from silint.bench.measure import prepare_references
@@ -76,26 +87,18 @@ def measured(source: str, options: argparse.Namespace) -> dict[str, Any] | None:
     }
     scene = load(source, options.assets)
     key = {"settings": settings, "mesh": mesh_hash(scene), "source": SOURCE}
-    kept = Path(options.results) / f"{scene.name}.json"
+    path = Path(options.results) / f"{scene.name}.json"
     references = Path(options.results) / "references"
     if options.references_only:
         prepare_references(scene, references, settings, print_stage)
         return None
-    if kept.is_file():
-        found = json.loads(kept.read_text(encoding="utf-8"))
-        if options.report or found["key"] == key:
-            return {**found["report"], "source": found["key"]["source"]}
+    found = kept(path, None if options.report else key)
+    if found is not None:
+        return found
     if options.report:
-        raise InputError(f"{kept} is not there; measure {source} first")
+        raise InputError(f"{path} is not there; measure {source} first")
     report = run_bench([scene], **settings, references=references, progress=print_stage)
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    kept.write_text(json.dumps({"key": key, "report": report}, indent=1) + "\n", encoding="utf-8")
-    return {**report, "source": SOURCE}
-
-
-def mesh_hash(scene: Scene) -> str:
-    parts = [scene.vertices, scene.faces] + ([] if scene.normals is None else [scene.normals])
-    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()[:16]
+    return keep(path, key, report)
 
 
 def joined(reports: list[dict[str, Any]]) -> dict[str, Any]:

@@ -11,8 +11,9 @@ on fewer of the points (its time a point does not depend on their number). Every
 silint and Embree in turns, and the median of the rounds counts. What is done once (hierarchies, tables, Sobol
 sets, compilation) is done before, and hierarchies and tables are listed.
 
-Errors of irradiance are relative: to the reference's mean over points and channels. Those of harmonics are
-over points and coefficients.
+Errors of irradiance are relative, channel by channel: to the reference's mean of that channel over the
+points. Where one number is asked for, it is the worst channel's. Those of harmonics are over points and
+coefficients.
 
 Time that a setting may take is limited (`seconds`): where all points would take longer, some are timed. Of
 silint's, which share work with their neighbours, runs of 128 neighbours out of all points, spread over the
@@ -31,15 +32,17 @@ does not change when everything turns, irradiance does not when the light turns 
 turned back; but every line changes, so the spread of the rotations is an honest standard error. It is
 reported, and an RMSE is only given as a number if it is at least four times as large.
 Whether the reference is right, beyond being precise, is for Embree to judge: the report compares the two
-point by point, in units of their joint standard error, and lists each point beyond 5 of them. References
-can be kept in a folder, under a hash of mesh, points and options.
+point by point, in units of their joint standard error, and lists each point beyond 5 of them. Under a small
+sun, which few isolines see, Embree's many rays towards it are the surer of the two: where their standard
+error is smaller they are the reference, and silint the judge. (The rays that are timed are others.)
+References can be kept in a folder, under a hash of mesh, points and options.
 
 The report (`run_bench`'s value, and the file of ``silint bench --json``)
 --------------------------------------------------------------------------
 A number that may be known by a bound only is {value, bound}: bound "" exact; "<" less; ">" more. Times are
 microseconds a point.
 
-schema : "silint-bench/3"
+schema : "silint-bench/4"
 silint, numpy, numba, embreex : versions
 machine : {processor, threads, threading_layer (of numba), load_average (before; null where unknown)}
 options : {methods, points, embree_points, error_points, sites, isolines, rays, weighting, quantity,
@@ -52,9 +55,11 @@ scenes : list of
     build_seconds : {method: ..., "embree": ...}             silint's with what its first query builds
     pays_after : {method: points {value, bound}, or "never", or null where bounds decide nothing}
         build_seconds over the time saved a point against Embree at RMSE 1e-3
-    reference : {isolines, rotations, standard_error, unit}  root mean square over the points
-        unit : of all errors below: 1, or for irradiance the reference's mean over points and channels
-    check : reference against Embree
+    reference : {by, isolines, rotations, standard_error, unit}  root mean square over the points
+        by : "silint" or "embree", whichever has the smaller standard error; isolines and rotations are
+            silint's, the rays stand in check
+        unit : of all errors below: 1, or for irradiance the reference's means of red, green and blue
+    check : silint's reference against Embree
         {rays, scrambles, points, mean_difference, mean_difference_error,
          rms_sigma, max_sigma, p_value, beyond_5_sigma: [{point, normal, silint, embree, sigma}]}
         p_value : probability of max_sigma or more over all numbers, if only chance is at work (Sidak)
@@ -67,6 +72,7 @@ scenes : list of
             (samples: those of the light under the horizon make no ray);
             seconds : median over rounds, for `points` points
         rmse, max_error : over error_points; resolved : rmse >= 4 standard errors of the reference
+        channels : of irradiance: list of {rmse, resolved} of red, green and blue; the largest is `rmse`
         diagnostics : of a run over as many points as they say
         bare_rays_per_second : the same rays, made beforehand, through Embree's `run` alone
     equal_error : list of {rmse, times, speedups, costs}
@@ -74,6 +80,7 @@ scenes : list of
             ">" no setting is as good
         speedups : {method of silint: Embree's time over its time}; null where the bounds decide nothing
         costs : {other method of silint: its time over the first method's}
+    channels : of irradiance: as equal_error, for red, green and blue; else null
 """
 
 from silint.bench.command import bench_command

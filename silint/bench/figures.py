@@ -151,6 +151,10 @@ def _draw_scene(ax: Axes, scene: dict[str, Any], small: bool, legend: bool) -> N
         x = [r["us_per_point"] for r in rows]
         y = [r["rmse"] for r in rows]
         color = _COLORS[method]
+        if rows and "channels" in rows[0]:
+            # The best channel's error is the other side of a band below the curve, which is the worst one's.
+            best = [min(channel["rmse"] for channel in r["channels"]) for r in rows]
+            ax.fill_between(x, best, y, color=color, alpha=0.2, lw=0)
         ax.plot(x, y, marker=_MARKERS[method], ms=4 if small else 5, lw=1.8, color=color, label=NAMES[method])
         if method not in (methods[0], EMBREE):
             continue  # its settings are those of the first

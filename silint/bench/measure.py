@@ -15,10 +15,14 @@ import numpy.typing as npt
 
 from silint.bench import machine
 from silint.bench.quantity import Quantity, quantity_of
-from silint.bench.rows import EMBREE, LEVELS, equal_error, points_to_pay
+from silint.bench.rows import EMBREE, LEVELS, channel_equal_error, equal_error, points_to_pay
 from silint.bench.sites import SITES, shade_sites, spread
+<<<<<<< HEAD
 from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
 from silint.core.jit import KERNEL_LOCK
+=======
+from silint.bench.truth import Reference, judged_reference, opponent_seed, relative_rms
+>>>>>>> bench5
 from silint.core.visible import tile_order
 from silint.validation import InputError, choice, positive_int
 
@@ -34,7 +38,7 @@ FloatArray = npt.NDArray[np.float64]
 # progress(stage, done, total)
 StageProgress = Callable[[str, int, int], None]
 
-SCHEMA = "silint-bench/3"
+SCHEMA = "silint-bench/4"
 ISOLINES = (8, 16, 32, 64, 128, 256, 512)
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
 
@@ -349,6 +353,7 @@ def _bench_scene(
         "check": verdict,
         "rows": rows,
         "equal_error": at_equal_error,
+        "channels": channel_equal_error(rows, options["methods"]),
     }
 
 
@@ -465,7 +470,9 @@ def _afford(setting: _Setting, share: float, options: dict[str, Any]) -> tuple[f
 def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
     value = setting.value[: len(truth.value)] if setting.judged is None else setting.judged()
     difference = value - truth.value
-    rmse = rms(difference) / truth.unit
+    rmses = relative_rms(difference, truth.unit)
+    resolved = truth.resolved(rmses)
+    worst = int(rmses.argmax())
     seconds = statistics.median(setting.seconds)
     n = setting.points
     row: dict[str, Any] = {
@@ -475,10 +482,14 @@ def _row(setting: _Setting, truth: Reference) -> dict[str, Any]:
         "rounds": setting.rounds,
         "seconds": seconds,
         "us_per_point": 1e6 * seconds / n,
-        "rmse": rmse,
-        "max_error": float(np.abs(difference).max()) / truth.unit,
-        "resolved": truth.resolves(rmse),
+        "rmse": float(rmses[worst]),
+        "max_error": float(np.abs(difference / truth.unit).max()),
+        "resolved": bool(resolved[worst]),
     }
+    if len(rmses) > 1:
+        row["channels"] = [
+            {"rmse": float(e), "resolved": bool(r)} for e, r in zip(rmses, resolved, strict=True)
+        ]
     if setting.method != EMBREE:
         row |= {"prepare_seconds": setting.prepare_seconds, "diagnostics": setting.diagnostics}
     return row

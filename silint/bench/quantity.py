@@ -104,10 +104,10 @@ class Quantity:
 
         return rotate(values, rotation.T)
 
-    def unit(self, reference: FloatArray) -> float:
-        """What errors are given in: the mean irradiance over points and channels, else 1."""
-        mean = float(reference.mean()) if self.name == "irradiance" else 1.0
-        return mean if mean > 0.0 else 1.0
+    def unit(self, reference: FloatArray) -> FloatArray:
+        """What errors are given in: each channel's mean irradiance (3,), else 1, of shape ()."""
+        mean = reference.mean(axis=0) if self.name == "irradiance" else np.array(1.0)
+        return np.where(mean > 0.0, mean, 1.0)
 
     def as_options(self) -> dict[str, Any]:
         """For the report."""

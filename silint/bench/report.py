@@ -114,7 +114,8 @@ def _rmse_text(row: dict[str, Any], noise: float) -> str:
 def error_of(options: dict[str, Any]) -> str:
     """What the errors of a report are, by its options; those before silint-bench/3 have no quantity."""
     if options.get("quantity") == "irradiance":
-        return f"relative RMSE of irradiance under {options['environment']}"
+        under = f" under {options['environment']}" if options["environment"] else ""
+        return f"relative RMSE of irradiance{under}"
     if options.get("quantity") == "sh":
         return f"RMSE of SH transfer, degree {options['max_degree']}"
     return "RMSE of ambient occlusion"
@@ -122,6 +123,8 @@ def error_of(options: dict[str, Any]) -> str:
 
 def _caption(options: dict[str, Any]) -> str:
     error = "RMSE" if options.get("quantity", "ao") == "ao" else error_of(options)
+    if options.get("quantity") == "irradiance":
+        error += " (of the worst channel)"
     return f"{error} over {options['error_points']} points ({options['weighting']})"
 
 

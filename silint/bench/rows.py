@@ -8,7 +8,7 @@ import numpy as np
 
 from silint.bench.curves import Bounded, pays_after, speedup, time_at_error
 
-__all__ = ["EMBREE", "LEVELS", "equal_error", "points_to_pay"]
+__all__ = ["EMBREE", "LEVELS", "channel_equal_error", "equal_error", "points_to_pay"]
 
 EMBREE = "embree"
 LEVELS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
@@ -37,6 +37,14 @@ def equal_error(rows: list[dict[str, Any]], methods: list[str]) -> list[dict[str
             }
         )
     return out
+
+
+def channel_equal_error(rows: list[dict[str, Any]], methods: list[str]) -> list[list[dict[str, Any]]] | None:
+    """What `equal_error` finds of each channel's errors; None where rows have no channels."""
+    if not rows or "channels" not in rows[0]:
+        return None
+    n = len(rows[0]["channels"])
+    return [equal_error([{**row, **row["channels"][c]} for row in rows], methods) for c in range(n)]
 
 
 def points_to_pay(

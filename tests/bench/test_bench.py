@@ -88,7 +88,8 @@ def test_embree_convicts_a_wrong_reference(monkeypatch: pytest.MonkeyPatch) -> N
     wrong = right.value.copy()
     wrong[17] += 0.01
     shifted = truth.Reference(wrong, right.standard_error, right.isolines, right.rotations)
-    found = truth.check(embree, shifted, points, normals, Quantity(), options, lambda *_: None)
+    judge = truth.rays_of_check(embree, points, normals, Quantity(), options, lambda *_: None)
+    found = truth.check(shifted, judge, points, normals)
     assert [f["point"] for f in found["beyond_5_sigma"]] == [points[17].tolist()]
     assert found["p_value"] < 1e-9
 
@@ -97,7 +98,7 @@ def test_the_report_is_json_and_prints(report: dict[str, Any]) -> None:
     from rich.console import Console
 
     assert json.loads(json.dumps(report)) == report
-    assert report["schema"] == "silint-bench/3"
+    assert report["schema"] == "silint-bench/4"
     out = io.StringIO()
     print_tables(report, Console(file=out, width=100))
     text = out.getvalue()
