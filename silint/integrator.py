@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from silint.core.integrands import fractions, octahedral_sh, radial, radial_sh
-from silint.core.radial import RadialIntervals
 from silint.environment import Environment
-from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
+from silint.explain import memory, request_plan, scene_plan
 from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
 from silint.scene import as_scene
 from silint.sh import MAX_DEGREE
+from silint.tabulated import MAX_ISOLINES as MAX_ISOLINES
+from silint.tabulated import Integrand as _Integrand
+from silint.tabulated import TabulatedQueries
 from silint.validation import (
     InputError,
     choice,
@@ -26,8 +27,6 @@ from silint.validation import (
 from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility, check_table, in_rows
 
 METHODS = ("auto", "octahedral", "radial")
-MAX_ISOLINES = 4096
-
 # Lines that a query with a tolerance starts with; doubled for the points that need it.
 _FIRST_ISOLINES = 32
 
@@ -36,19 +35,8 @@ _MOST_STEPS = 12  # doublings, from any number of lines to MAX_ISOLINES at least
 # The error falls as lines ** -_RATE.
 _RATE = 1.5
 
-Found = tuple[FloatArray, FloatArray]  # value, error estimate
 
-
-class _Integrand(NamedTuple):
-    """Phase two of a query, for either family of isolines."""
-
-    shape: tuple[int, ...]
-    octahedral: Callable[[Visibility], Found]
-    radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
-    most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
-
-
-class SilhouetteIntegrator:
+class SilhouetteIntegrator(TabulatedQueries):
     """Integrals over what points can see of a scene, from the silhouettes seen by them [NBMJ14].
 
     Built once for a scene; every query is a function of its arguments alone, and one integrator may serve
@@ -319,29 +307,25 @@ class SilhouetteIntegrator:
         self,
         request: str,
         isolines: int = 64,
-        weighting: str = "cosine",
+        weighting: str | None = None,
         method: str = "auto",
-        max_degree: int = 4,
+        max_degree: int | None = None,
         environment: Environment | None = None,
+        basis: Any = None,
     ) -> Plan:
         """What a request builds and runs beyond the scene's plan, and what it leaves out.
 
         Parameters
         ----------
         request : str
-            "ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance" or
-            "visibility".
-        isolines, weighting, method, max_degree, environment
-            As in the request.
+            "ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance", "visibility",
+            "sh_lighting" or "integrate".
+        isolines, weighting, method, max_degree, environment, basis
+            As in the request, with its defaults.
         """
-        choice(request, "request", REQUESTS)
-        choice(weighting, "weighting", WEIGHTINGS)
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
-        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-        if method == "octahedral" or request in ("visibility", "irradiance"):
-            return octahedral_plan(self._finder, request, k, weighting, degree, environment)
-        return radial_plan(self._finder, request, k, weighting, degree)
+        return request_plan(self._finder, request, k, weighting, method, max_degree, environment, basis)
 
     @property
     def memory(self) -> dict[str, int]:
@@ -436,6 +420,8 @@ class SilhouetteIntegrator:
         progress: Progress | None,
     ) -> None:
         """Write value and estimate of some rows, and add what was counted."""
+        if integrand.prepare is not None:
+            integrand.prepare(max(isolines, 2))
         if method == "octahedral" or integrand.radial is None:
             for visible, part in self._finder.octahedral(p, n, max(isolines, 2), progress):
                 with KERNEL_LOCK:
