@@ -14,6 +14,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from silint import reference as reference
     from silint import sh as sh
+    from silint.basis import prefix_table as prefix_table
     from silint.core.prefix_table import PrefixTable as PrefixTable
     from silint.environment import Environment as Environment
     from silint.integrator import SilhouetteIntegrator as SilhouetteIntegrator
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from silint.validation import InputError as InputError
     from silint.visibility import Result as Result
     from silint.visibility import Visibility as Visibility
-    from silint.visibility import prefix_table as prefix_table
     from silint.visible_arcs import VisibleArcs as VisibleArcs
 
 # Numba takes most of a second to import: only what is used is loaded, when it is used.
@@ -42,7 +42,7 @@ _HOME = {
     "VisibleArcs": "visible_arcs",
     "ambient_occlusion": "one_shot",
     "load_scene": "scene",
-    "prefix_table": "visibility",
+    "prefix_table": "basis",
 }
 
 _MODULES = ("reference", "sh")

@@ -42,6 +42,9 @@ class Integrand(NamedTuple):
     radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
     exact: Callable[[Arcs], Found] | None = None  # None: no closed form along an arc
     most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
+    prepare: Callable[[int], Any] | None = (
+        None  # builds the table for some isolines, before any lock is taken
+    )
 
 
 def evaluate(
@@ -151,6 +154,8 @@ def _run(
     if method == "exact":
         _run_exact(finder, integrand, p, n, rows, value, estimate, totals, progress)
         return
+    if integrand.prepare is not None:
+        integrand.prepare(max(isolines, 2))
     if method == "octahedral" or integrand.radial is None:
         for visible, part in finder.octahedral(p, n, max(isolines, 2), progress):
             with KERNEL_LOCK:

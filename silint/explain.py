@@ -6,14 +6,31 @@ from typing import Any
 
 import numpy as np
 
+from silint.basis import Basis
 from silint.core.integrands.octahedral_sh import table_bytes
 from silint.core.sh import moment_degree
 from silint.environment import Environment
 from silint.finder import VisibleFinder
+from silint.lighting import table_bytes as harmonic_table_bytes
 from silint.plan import Part, Plan
 from silint.scene import Scene
+from silint.sh import MAX_DEGREE
+from silint.validation import choice, positive_int
+from silint.visibility import WEIGHTINGS
 
-REQUESTS = ("ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance", "visibility")
+REQUESTS = (
+    "ambient_occlusion",
+    "sky_view_factor",
+    "bent_normals",
+    "sh_transfer",
+    "irradiance",
+    "visibility",
+    "sh_lighting",
+    "integrate",
+)
+
+# Those that have no closed form along radial isolines.
+_OCTAHEDRAL = ("irradiance", "visibility", "sh_lighting", "integrate")
 
 
 def memory(finder: VisibleFinder) -> dict[str, int]:
@@ -74,6 +91,32 @@ def scene_plan(scene: Scene, finder: VisibleFinder) -> Plan:
     )
 
 
+def request_plan(
+    finder: VisibleFinder,
+    request: str,
+    isolines: int,
+    weighting: str | None,
+    method: str,
+    max_degree: int | None,
+    environment: Environment | None,
+    basis: Any,
+) -> Plan:
+    """What a request needs, with its own defaults for what is None."""
+    choice(request, "request", REQUESTS)
+    if weighting is None:
+        weighting = "uniform" if request in ("sh_lighting", "integrate") else "cosine"
+    choice(weighting, "weighting", WEIGHTINGS)
+    if max_degree is None:
+        max_degree = 2 if request == "sh_lighting" else 4
+    degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+    if method == "exact" and (request not in _OCTAHEDRAL or request == "visibility"):
+        return exact_plan(finder, request, weighting, degree)
+    if method != "octahedral" and request not in _OCTAHEDRAL:
+        return radial_plan(finder, request, isolines, weighting, degree)
+    functions = None if basis is None or request != "integrate" else Basis(basis, weighting)
+    return octahedral_plan(finder, request, isolines, weighting, degree, environment, functions)
+
+
 def octahedral_plan(
     finder: VisibleFinder,
     request: str,
@@ -81,6 +124,7 @@ def octahedral_plan(
     weighting: str,
     max_degree: int,
     environment: Environment | None = None,
+    basis: Basis | None = None,
 ) -> Plan:
     """What a request needs on octahedral isolines."""
     orders = {"ambient_occlusion": {1 if weighting == "cosine" else 0}, "sky_view_factor": {1}}
@@ -108,7 +152,8 @@ def octahedral_plan(
             ),
             Part("cover", False, "only for isolines whose counts contradict each other"),
             *tables,
-            _light(request, isolines, environment),
+            _light(request, isolines, weighting, max_degree, environment),
+            _basis(request, isolines, weighting, basis),
             _harmonics(request, isolines, weighting, max_degree),
             _second_horizon(request),
         ),
@@ -183,8 +228,12 @@ def _searches(finder: VisibleFinder) -> tuple[Part, Part]:
     )
 
 
-def _light(request: str, isolines: int, environment: Environment | None) -> Part:
+def _light(
+    request: str, isolines: int, weighting: str, max_degree: int, environment: Environment | None
+) -> Part:
     name = "light table"
+    if request == "sh_lighting":
+        return _masked_light(isolines, moment_degree(max_degree, weighting), environment)
     if request != "irradiance":
         return Part(name, False, f"{request} does not need it")
     if environment is None:
@@ -200,14 +249,43 @@ def _light(request: str, isolines: int, environment: Environment | None) -> Part
     )
 
 
+def _masked_light(isolines: int, degree: int, environment: Environment | None) -> Part:
+    name, columns = "light table", (degree + 1) ** 2
+    why = f"L times {columns} harmonics of degrees 0 to {degree}"
+    if environment is None:
+        return Part(name, True, f"{why} for each channel of an environment, 1 if it is grey; all normals")
+    if environment.is_constant:
+        return Part(name, False, "a constant environment: harmonics times its radiance")
+    channels = environment.channels
+    total = f"{channels * columns} columns, " + ("grey" if channels == 1 else f"{channels} channels")
+    size = harmonic_table_bytes(environment, isolines, degree)
+    return Part(name, True, f"{total}: {why}; one table serves all normals", size)
+
+
+def _basis(request: str, isolines: int, weighting: str, basis: Basis | None) -> Part:
+    name = "basis table"
+    if request != "integrate":
+        return Part(name, False, f"{request} does not need it")
+    why = "f w, of which f (n.w) is a product" if weighting == "cosine" else "f"
+    times = 3 if weighting == "cosine" else 1
+    if basis is None:
+        return Part(name, True, f"{times} column{'s'[: times - 1]} for each function: {why}; all normals")
+    lines = max(isolines, 2)
+    columns = basis.channels * times
+    told = f"{columns} column{'s' if columns > 1 else ''} for {basis.channels} of {basis.described}"
+    return Part(name, True, f"{told}: {why}; one table serves all normals", basis.table_bytes(lines))
+
+
 def _harmonics(request: str, isolines: int, weighting: str, max_degree: int) -> Part:
     name = "harmonics table"
-    if request != "sh_transfer":
+    if request not in ("sh_transfer", "sh_lighting"):
         return Part(name, False, f"{request} does not need it")
     degree = moment_degree(max_degree, weighting)
     why = f"{(degree + 1) ** 2} harmonics of degrees 0 to {degree}"
     if weighting == "cosine":
         why += f": n.w times those to {max_degree}"
+    if request == "sh_lighting":
+        why += ", of the open hemisphere and of a constant environment"
     return Part(name, True, f"{why}; one table serves all normals", table_bytes(degree, isolines))
 
 

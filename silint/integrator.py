@@ -11,11 +11,12 @@ from silint.core.integrands import arcs as along_arcs
 from silint.core.integrands import arcs_sh, fractions, octahedral_sh, radial, radial_sh
 from silint.environment import Environment
 from silint.evaluate import MAX_ISOLINES, METHODS, Integrand, evaluate
-from silint.explain import REQUESTS, exact_plan, memory, octahedral_plan, radial_plan, scene_plan
+from silint.explain import memory, request_plan, scene_plan
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
 from silint.scene import as_scene
 from silint.sh import MAX_DEGREE
+from silint.tabulated import TabulatedQueries
 from silint.validation import (
     InputError,
     choice,
@@ -26,7 +27,7 @@ from silint.visibility import WEIGHTINGS, Visibility, in_rows
 from silint.visible_arcs import VisibleArcs, compact, join
 
 
-class SilhouetteIntegrator:
+class SilhouetteIntegrator(TabulatedQueries):
     """Integrals over what points can see of a scene, from the silhouettes seen by them [NBMJ14].
 
     Built once for a scene; every query is a function of its arguments alone, and one integrator may serve
@@ -331,31 +332,25 @@ class SilhouetteIntegrator:
         self,
         request: str,
         isolines: int = 64,
-        weighting: str = "cosine",
+        weighting: str | None = None,
         method: str = "auto",
-        max_degree: int = 4,
+        max_degree: int | None = None,
         environment: Environment | None = None,
+        basis: Any = None,
     ) -> Plan:
         """What a request builds and runs beyond the scene's plan, and what it leaves out.
 
         Parameters
         ----------
         request : str
-            "ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance" or
-            "visibility".
-        isolines, weighting, method, max_degree, environment
-            As in the request.
+            "ambient_occlusion", "sky_view_factor", "bent_normals", "sh_transfer", "irradiance", "visibility",
+            "sh_lighting" or "integrate".
+        isolines, weighting, method, max_degree, environment, basis
+            As in the request, with its defaults.
         """
-        choice(request, "request", REQUESTS)
-        choice(weighting, "weighting", WEIGHTINGS)
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
-        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-        if method == "exact" and request != "irradiance":
-            return exact_plan(self._finder, request, weighting, degree)
-        if method == "octahedral" or request in ("visibility", "irradiance"):
-            return octahedral_plan(self._finder, request, k, weighting, degree, environment)
-        return radial_plan(self._finder, request, k, weighting, degree)
+        return request_plan(self._finder, request, k, weighting, method, max_degree, environment, basis)
 
     @property
     def memory(self) -> dict[str, int]:

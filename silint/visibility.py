@@ -12,9 +12,10 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
+from silint import lighting
+from silint.basis import Basis
 from silint.core.integrands import fractions, light, octahedral_sh
 from silint.core.jit import KERNEL_LOCK
-from silint.core.prefix_table import PrefixTable, build_prefix_table, integrate_intervals
 from silint.environment import Environment
 from silint.io import check_output, write_bytes
 from silint.sh import MAX_DEGREE
@@ -104,30 +105,41 @@ class Visibility:
             value, estimate = light.irradiance(self.normals, self._visible, table)
         return np.broadcast_to(value, (len(value), 3)).copy(), estimate
 
-    def integrate(self, table: PrefixTable | Any) -> FloatArray:
-        """int V f dw above each horizon, for any function f.
+    def sh_lighting(
+        self, environment: Environment, max_degree: int = 2, weighting: str = "uniform"
+    ) -> FloatArray:
+        """Masked light in harmonics, (n, (L + 1)^2, 3); see `SilhouetteIntegrator.sh_lighting`."""
+        choice(weighting, "weighting", WEIGHTINGS)
+        degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        light = lighting.require_environment(environment)
+        check_table(self.isolines, lighting.most_isolines(light, degree, weighting), "")
+        with KERNEL_LOCK:
+            return lighting.sh_lighting(self.normals, self._visible, self.isolines, light, degree, weighting)[
+                0
+            ]
+
+    def integrate(self, basis: Any, weighting: str = "uniform") -> FloatArray:
+        """int V f dw above each horizon, for any functions f; see `SilhouetteIntegrator.integrate`.
 
         Parameters
         ----------
-        table : PrefixTable, or callable
-            A table from `prefix_table` with as many isolines, or a function that takes unit directions
-            (m, 3) to values (m, C) or (m,), which is tabulated first.
+        basis : callable, array_like (H, 2 H) or (H, 2 H, C), or PrefixTable
+            A function of unit directions (m, 3) with values (m, C) or (m,), an equirectangular table, or a
+            table from `prefix_table` with as many isolines. The first two are tabulated in every call.
+        weighting : {"uniform", "cosine"}
+            int V f dw, or (1/pi) int V max(n.w, 0) f dw.
 
         Returns
         -------
         (n, C) float64
             In units of f times steradians.
         """
-        if callable(table):
-            table = prefix_table(table, self.isolines)
-        if not isinstance(table, PrefixTable):
-            raise InputError(f"table is a {type(table).__name__}; expected a PrefixTable or a function")
-        if len(table.values) != self.isolines:
-            raise InputError(f"table has {len(table.values)} isolines; this visibility has {self.isolines}")
+        choice(weighting, "weighting", WEIGHTINGS)
+        functions = Basis(basis, weighting)
+        if functions.is_function:
+            functions.table(self.isolines)  # before the lock is taken: who knows what a function does
         with KERNEL_LOCK:
-            parts = integrate_intervals(table.values, table.nodes_per_quarter, *self._visible, self.isolines)
-        total: FloatArray = parts.sum(axis=1)
-        return total
+            return functions.integrate(self.normals, self._visible, self.isolines)[0]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to a .npz file, whole or not at all."""
@@ -168,41 +180,15 @@ class Visibility:
         return self.offsets, self.intervals
 
 
-def check_table(isolines: int, most: int) -> None:
+def check_table(
+    isolines: int, most: int, way_out: str = ", or take method='radial', which needs no table"
+) -> None:
     """Refuse a table of harmonics that memory may not hold."""
     if isolines > most:
         raise InputError(
             f"isolines is {isolines}; the table of so many harmonics is kept to {most} octahedral ones: "
-            "lower max_degree, or take method='radial', which needs no table"
+            f"lower max_degree{way_out}"
         )
-
-
-def prefix_table(function: Any, isolines: int = 64, nodes_per_quarter: int = 256) -> PrefixTable:
-    """Tabulate a function over the sphere for `Visibility.integrate`.
-
-    Parameters
-    ----------
-    function : callable
-        Unit directions (m, 3) -> values (m, C) or (m,). Smooth at the scale of a cell: features narrower
-        than 2 / isolines or 1 / nodes_per_quarter of a quarter turn blur.
-    isolines : int
-        Of the visibility to integrate.
-    nodes_per_quarter : int
-        Nodes on each of the four sides of an isoline.
-
-    Returns
-    -------
-    PrefixTable
-        Its totals are the integrals over the whole sphere: a constant 1 sums to 4 pi to rounding.
-    """
-
-    def columns(directions: FloatArray) -> FloatArray:
-        values = np.asarray(function(directions), dtype=np.float64)
-        if values.shape[:1] != (len(directions),) or values.ndim > 2:
-            raise InputError(f"function returned shape {values.shape} for {len(directions)} directions")
-        return values.reshape(len(directions), -1)
-
-    return build_prefix_table(columns, isolines, nodes_per_quarter)
 
 
 def in_rows(

@@ -114,7 +114,7 @@ def test_what_is_no_visibility(visible: Visibility, tmp_path: Path) -> None:
 def test_what_cannot_be_asked_of_it(visible: Visibility) -> None:
     assert "weighting is 'flat'" in refusal(visible.ambient_occlusion, "flat")
     assert "up is" in refusal(visible.sky_view_factor, (0, 0, 0))
-    assert "table is a str" in refusal(visible.integrate, "sky")
+    assert "basis is a str" in refusal(visible.integrate, "sky")
     assert "table has 8 isolines; this visibility has 16" in refusal(
         visible.integrate, silint.prefix_table(lambda w: w, 8, 16)
     )

@@ -17,12 +17,8 @@ from silint.bench import machine
 from silint.bench.quantity import Quantity, quantity_of
 from silint.bench.rows import EMBREE, LEVELS, channel_equal_error, equal_error, points_to_pay
 from silint.bench.sites import SITES, shade_sites, spread
-<<<<<<< HEAD
-from silint.bench.truth import Reference, judged_reference, opponent_seed, rms
-from silint.core.jit import KERNEL_LOCK
-=======
 from silint.bench.truth import Reference, judged_reference, opponent_seed, relative_rms
->>>>>>> bench5
+from silint.core.jit import KERNEL_LOCK
 from silint.core.visible import tile_order
 from silint.validation import InputError, choice, positive_int
 

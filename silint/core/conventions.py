@@ -48,6 +48,7 @@ Sources
     Pau78   Paul 1978, Recurrence Relations for Integrals of Associated Legendre Functions.
     PH07    Pinchon, Hoggan 2007, Rotation Matrices for Real Spherical Harmonics.
     RH01    Ramamoorthi, Hanrahan 2001, On the Relationship between Radiance and Irradiance.
+    RH02    Ramamoorthi, Hanrahan 2002, Frequency Space Environment Map Rendering.
     DLMF    Digital Library of Mathematical Functions, chapter 14.
     Lam60   Lambert 1760, Photometria (vector irradiance of a polygon).
     VOS83   Van Oosterom, Strackee 1983, The Solid Angle of a Plane Triangle.

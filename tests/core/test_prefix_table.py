@@ -127,7 +127,7 @@ def test_the_open_hemisphere_of_any_function() -> None:
     [
         (lambda w: np.ones(len(w) + 1), "function returned shape"),
         (lambda w: np.ones((len(w), 2, 2)), "function returned shape"),
-        (3.0, "table is a float"),
+        (3.0, "basis is a float"),
     ],
 )
 def test_functions_that_cannot_be_tabulated(bad: object, message: str) -> None:

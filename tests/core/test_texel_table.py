@@ -6,10 +6,19 @@ import numba
 import numpy as np
 import pytest
 
-from silint.core import equirect, texel_table
+from silint.core import equirect, texel_scatter, texel_table
 from silint.core.integrands.moments import moment_table
+from silint.core.integrands.octahedral_sh import sh_table
 from silint.core.prefix_table import integrate_intervals, loop_points
-from silint.core.texel_table import TexelTable, build_texel_table, cells_per_quarter, integrate_steps
+from silint.core.sh import harmonics
+from silint.core.sh_rotation import rotation_blocks
+from silint.core.texel_table import (
+    TexelTable,
+    build_harmonic_table,
+    build_texel_table,
+    cells_per_quarter,
+    integrate_steps,
+)
 
 # Sums of up to a million float64 terms, and closed forms of a few operations each.
 SUM_ROUNDING = 1e-12
@@ -68,14 +77,121 @@ def integrate(table: TexelTable, lines: np.ndarray, intervals: np.ndarray) -> np
 def test_octahedral_coordinates_are_those_of_the_loop() -> None:
     rng = np.random.default_rng(0)
     for u, v in rng.random((100, 2)) * (2, 4) - (1, 0):
-        found, quarter, f = texel_table.octahedral(*(3.0 * loop_points(np.array(u), np.array(v))))
+        found, quarter, f = texel_scatter.octahedral(*(3.0 * loop_points(np.array(u), np.array(v))))
         np.testing.assert_allclose([found, quarter + f], [u, v], rtol=0, atol=1e-15 / (1 - abs(u)))
     # The corners at +y, +z, -y, -z begin quarters 0 to 3; at the poles any place on the loop will do.
     corners = [
-        texel_table.octahedral(0.0, y, z) for y, z in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
+        texel_scatter.octahedral(0.0, y, z) for y, z in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
     ]
     assert corners == [(0.0, 0, 0.0), (0.0, 1, 0.0), (0.0, 2, 0.0), (0.0, 3, 0.0)]
-    assert [texel_table.octahedral(x, 0.0, -0.0)[::2] for x in (2.0, -2.0)] == [(1.0, 0.0), (-1.0, 0.0)]
+    assert [texel_scatter.octahedral(x, 0.0, -0.0)[::2] for x in (2.0, -2.0)] == [(1.0, 0.0), (-1.0, 0.0)]
+
+
+def texel_directions(height: int, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes of every texel, (H, 12, 2 H, 12, 3), and their weights in solid angle."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    h = np.pi / height
+    theta = (h * (np.arange(height)[:, None] + 0.5 + 0.5 * nodes)).ravel()[:, None]
+    phi = (h * (np.arange(2 * height)[:, None] + 0.5 + 0.5 * nodes) - np.pi).ravel()
+    s = np.sin(theta)
+    w = np.stack([s * np.cos(phi), np.cos(theta) * np.ones_like(phi), s * np.sin(phi)], axis=-1) @ rotation.T
+    solid = (0.5 * h) ** 2 * np.outer((s.reshape(height, 12) * weights).ravel(), np.tile(weights, 2 * height))
+    shape = height, 12, 2 * height, 12
+    return w.reshape(*shape, 3), solid.reshape(shape)
+
+
+def harmonic_table(
+    radiance: np.ndarray, rotation: np.ndarray, n_lines: int, degree: int, quarter: int = 0
+) -> TexelTable:
+    blocks = rotation_blocks(np.ascontiguousarray(rotation @ texel_scatter.POLAR.T), degree)
+    return build_harmonic_table(radiance, rotation, n_lines, blocks, 0, quarter)
+
+
+# Gauss nodes resolve degree 17 in texels of 12 rows, not in a map of one.
+@pytest.mark.parametrize(("height", "degree"), [(2, 0), (2, 2), (12, 17), (31, 3)])
+def test_harmonics_of_the_sphere_are_kept(height: int, degree: int) -> None:
+    """Of light of both signs: the whole table against quadrature in the frame of the isolines."""
+    rng = np.random.default_rng(height)
+    radiance = rng.normal(size=(height, 2 * height, 2)) ** 3
+    rotation = random_rotation(height)
+    w, solid = texel_directions(height, rotation)
+    y = harmonics(w.reshape(-1, 3), degree).reshape(*solid.shape, -1)
+    expected = np.einsum("aibj,aibjy,abc->cy", solid, y, radiance)
+    found = harmonic_table(radiance, rotation, 5, degree).values[:, -1].sum(axis=0).reshape(2, -1)
+    atol = SUM_ROUNDING * np.abs(radiance).mean() * 4 * np.pi
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+
+
+def test_degree_one_is_the_first_moments() -> None:
+    """On any interval: both deal the same parts out to the same cells."""
+    rng = np.random.default_rng(4)
+    radiance, rotation = rng.random((16, 32, 3)) ** 4, random_rotation(4)
+    moments = build_texel_table(radiance, rotation, 9).values.reshape(9, -1, 3, 3)
+    y = harmonic_table(radiance, rotation, 9, 2).values.reshape(9, -1, 3, 9)
+    expected = moments[..., [1, 2, 0]] * np.sqrt(3 / (4 * np.pi))
+    np.testing.assert_allclose(y[..., 1:4], expected, rtol=0, atol=SUM_ROUNDING)
+
+
+def test_an_even_map_is_the_smooth_table_of_harmonics() -> None:
+    rng = np.random.default_rng(6)
+    n_lines, n, degree = 16, 400, 4
+    table = harmonic_table(np.ones((64, 128, 1)), random_rotation(6), n_lines, degree)
+    start = rng.random(n) * 4
+    intervals = np.stack([start, start + 4 * rng.random(n)], axis=1)
+    lines = rng.integers(0, n_lines, n)
+    counts = np.zeros((n, n_lines), np.int64)
+    counts[np.arange(n), lines] = 1
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    smooth = sh_table(degree, n_lines)
+    expected = integrate_intervals(smooth.values, smooth.nodes_per_quarter, offsets, intervals, n_lines)
+    found = integrate_steps(table.values, table.cells_per_quarter, offsets, intervals, n_lines)
+    # As for first moments, in test_an_even_map_is_the_smooth_table: 1e-4 of 0.8 sr; |Y_lm| is below 1.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("height", [1, 2, 8, 40])
+@pytest.mark.parametrize("n_lines", [2, 33])
+def test_it_does_not_matter_who_owns_which_strips(
+    height: int, n_lines: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever owns all of them looks at all texels; for who owns one, the plan says which to look at."""
+    radiance = np.random.default_rng(height).random((height, 2 * height, 2)) ** 8
+    rotation = random_rotation(n_lines)
+    owned = [np.array([0, n_lines]), np.arange(n_lines + 1), np.array([0, 1, 1, n_lines])]
+    tables = []
+    for borders in owned:
+        monkeypatch.setattr(texel_scatter, "fair_shares", lambda *_, b=borders: b)
+        tables.append(build_texel_table(radiance, rotation, n_lines, 16).values)
+    np.testing.assert_array_equal(tables[0], tables[1])
+    np.testing.assert_array_equal(tables[0], tables[2])
+
+
+def test_shares_cover_all_strips_and_are_fair() -> None:
+    rng = np.random.default_rng(0)
+    strips = np.sort(rng.integers(0, 40, (50, 60, 2)), axis=-1)
+    parts = rng.integers(1, 4, (50, 60, 2))
+    for n_shares in (1, 2, 7, 40):
+        borders = texel_scatter.fair_shares(strips, parts, 40, n_shares)
+        assert len(borders) == n_shares + 1 and borders[0] == 0 and borders[-1] == 40
+        assert (np.diff(borders) >= 0).all()
+    at = texel_scatter.fair_shares(strips, parts, 40, 2)[1]
+    below = parts.prod(axis=-1)[strips.sum(axis=-1) // 2 < at].sum()
+    assert 0.4 < below / parts.prod(axis=-1).sum() < 0.6
+    # Black maps have none.
+    assert texel_scatter.fair_shares(strips * 0 - [0, 1], parts * 0, 40, 3)[-1] == 40
+
+
+def test_tables_have_the_same_bits_for_any_number_of_threads() -> None:
+    radiance, rotation = np.random.default_rng(1).random((40, 80, 3)) ** 8, random_rotation(1)
+    threads = numba.get_num_threads()
+    try:
+        found = []
+        for n in (1, threads):
+            numba.set_num_threads(n)
+            found.append(harmonic_table(radiance, rotation, 17, 2).values)
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 @pytest.mark.parametrize(("height", "n_lines"), [(1, 4), (2, 3), (8, 1), (8, 64), (31, 16), (64, 9)])

@@ -7,6 +7,7 @@ closed room exactly 0.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -64,22 +65,56 @@ def sh_transfer(
     error_estimate : (n,) float64
         The distance of what even and odd isolines say, all coefficients together: pessimistic.
     """
-    value, estimate = np.empty((len(normals), (max_degree + 1) ** 2)), np.empty(len(normals))
-    step = max(_CHUNK_BYTES // (32 * (max_degree + 2) ** 2), 1)
+
+    def moments(intervals: Intervals) -> np.ndarray:
+        return _moments(intervals, isolines, max_degree, weighting)[:, :, None]
+
+    value, estimate = masked_transfer(normals, visible, isolines, max_degree, weighting, moments, 1)
+    return value[..., 0], estimate
+
+
+def masked_transfer(
+    normals: np.ndarray,
+    visible: Intervals,
+    isolines: int,
+    max_degree: int,
+    weighting: str,
+    moments: Callable[[Intervals], np.ndarray],
+    n_channels: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same of Y times the light of C channels, whose `moments` over intervals are given.
+
+    What the isolines miss of an open hemisphere is given back as dark as what is seen is on average.
+
+    Parameters
+    ----------
+    moments : callable
+        Intervals -> (n, 2, C, (M + 1)^2) with M = `moment_degree`, even and odd isolines apart.
+
+    Returns
+    -------
+    value : (n, (L + 1)^2, C) float64
+    error_estimate : (n,) float64
+        Of the channel in which it is largest.
+    """
+    value = np.empty((len(normals), (max_degree + 1) ** 2, n_channels))
+    estimate = np.empty(len(normals))
+    step = max(_CHUNK_BYTES // (32 * n_channels * (max_degree + 2) ** 2), 1)
     for first in range(0, len(normals), step):
         part = slice(first, first + step)
         some = np.ascontiguousarray(normals[part])
         offsets = visible[0][first * isolines : (first + len(some)) * isolines + 1]
-        seen, whole = (
-            _transfer(some, intervals, isolines, max_degree, weighting)
-            for intervals in ((offsets, visible[1]), horizon_runs(some, isolines))
-        )
+        seen = moments((offsets, visible[1]))
+        whole = _transfer(some, horizon_runs(some, isolines), isolines, max_degree, weighting)
         exact = open_hemisphere(some, max_degree, weighting)
-        # Both halves together, then each by itself.
-        total = _given_back(seen.sum(axis=1), whole.sum(axis=1), exact)
-        even, odd = (_given_back(2.0 * seen[:, h], 2.0 * whole[:, h], exact) for h in (0, 1))
-        value[part] = total
-        estimate[part] = np.sqrt(((even - odd) ** 2).sum(axis=1))
+        worst = np.zeros(len(some))
+        for c in range(n_channels):
+            light = _weighted(some, np.ascontiguousarray(seen[:, :, c]), max_degree, weighting)
+            # Both halves together, then each by itself.
+            value[part, :, c] = _given_back(light.sum(axis=1), whole.sum(axis=1), exact)
+            even, odd = (_given_back(2.0 * light[:, h], 2.0 * whole[:, h], exact) for h in (0, 1))
+            worst = np.maximum(worst, np.sqrt(((even - odd) ** 2).sum(axis=1)))
+        estimate[part] = worst
     return value, estimate
 
 
@@ -87,8 +122,17 @@ def _transfer(
     normals: np.ndarray, intervals: Intervals, isolines: int, max_degree: int, weighting: str
 ) -> np.ndarray:
     """Transfer over intervals, even and odd isolines apart: (n, 2, (L + 1)^2)."""
+    return _weighted(normals, _moments(intervals, isolines, max_degree, weighting), max_degree, weighting)
+
+
+def _moments(intervals: Intervals, isolines: int, max_degree: int, weighting: str) -> np.ndarray:
+    """Harmonics over intervals, even and odd isolines apart: (n, 2, (M + 1)^2)."""
     table = sh_table(moment_degree(max_degree, weighting), isolines)
-    moments = integrate_intervals(table.values, table.nodes_per_quarter, *intervals, isolines)
+    return integrate_intervals(table.values, table.nodes_per_quarter, *intervals, isolines)
+
+
+def _weighted(normals: np.ndarray, moments: np.ndarray, max_degree: int, weighting: str) -> np.ndarray:
+    """Transfer from moments (n, 2, (M + 1)^2): (n, 2, (L + 1)^2)."""
     if weighting == "uniform":
         return moments
     out = np.empty((len(normals), 2, (max_degree + 1) ** 2))
@@ -104,6 +148,6 @@ def _contract_halves(offsets, columns, axes, weights, normals, moments, out):
 
 
 def _given_back(seen: np.ndarray, whole: np.ndarray, exact: np.ndarray) -> np.ndarray:
-    """What is seen, and of what the isolines miss the part that degree 0 says is open."""
+    """What is seen, and of what the isolines miss the part that degree 0 says is open, or lit."""
     share = np.divide(seen[:, 0], whole[:, 0], out=np.zeros(len(seen)), where=whole[:, 0] > 0.0)
     return seen + share[:, None] * (exact - whole)
