@@ -135,8 +135,9 @@ def lune(seed: int, tip: float = 1e-3) -> Region:
     high = np.cos(opening) * m + np.sin(opening) * n
     a, d = np.cos(tip) * t + np.sin(tip) * m, np.cos(tip) * t + np.sin(tip) * high
     b, c = a - 2 * np.cos(tip) * t, d - 2 * np.cos(tip) * t
-    inner = np.stack([n, np.cross(high, b), np.sin(opening) * m - np.cos(opening) * n, np.cross(m, d)])
-    inner[1], inner[3] = unit(np.cross(b, c)), unit(np.cross(d, a))
+    # Without tips the last two arcs have no length, and any normal serves.
+    close = [unit(np.cross(x, y)) if tip > 0 else unit(m + high) for x, y in ((b, c), (d, a))]
+    inner = np.stack([n, close[0], np.sin(opening) * m - np.cos(opening) * n, close[1]])
     rows = np.concatenate([np.stack([a, b, c, d]), np.stack([b, c, d, a]), inner], axis=1)
     return Region(n, rows, np.zeros(4, bool))
 
@@ -263,10 +264,12 @@ def test_regular_polygons(corners: int, radius: float) -> None:
     np.testing.assert_allclose(np.cross(bent[0], n), 0, atol=rounding)
 
 
-@pytest.mark.parametrize("tip", [1e-6, 1e-8, 1e-11, 1e-14])
+@pytest.mark.parametrize("tip", [1e-6, 1e-8, 1e-11, 1e-14, 0.0])
 def test_arcs_of_nearly_pi(tip: float) -> None:
-    for seed in range(5):
+    for seed in range(10):
         shape = lune(seed, tip)
+        # Where rounding makes arcs longer than pi.
+        shape.rows[:, :6] += np.random.default_rng(seed).uniform(-2e-16, 2e-16, (4, 6)) * (tip == 0.0)
         arcs = gather([shape])
         t, m, n = frame(shape.n).T
         gamma = np.arctan2(shape.rows[2, 6:] @ m, -shape.rows[2, 6:] @ n)  # the opening; the tips are tip^2
@@ -309,10 +312,21 @@ def test_the_sums_of_an_open_sky_are_right_as_well() -> None:
     np.testing.assert_allclose(by_arcs.bent_normal(arcs)[0][0], 2 / 3 * n, rtol=0, atol=ROUNDING)
     value, _ = arcs_sh.sh_transfer(arcs, 10, "cosine")
     np.testing.assert_allclose(value, sh.open_hemisphere(n[None], 10, "cosine"), rtol=0, atol=ROUNDING)
-    # Half of any second horizon is inside, as much as can be.
-    for up in unit(np.random.default_rng(0).normal(size=(50, 3))):
+    # Half of any second horizon is inside, as much as can be, or all of it.
+    t = frame(n)[:, 0]
+    for up in (*unit(np.random.default_rng(0).normal(size=(50, 3))), n, n + 1e-9 * t, n + 1e-7 * t, -n, t):
         sky, _ = by_arcs.sky_view_factor(arcs, up)
         assert sky[0] == pytest.approx((1 + n @ up) / 2, abs=ROUNDING)
+
+
+def test_a_second_horizon_that_is_the_first() -> None:
+    # Every corner of the horizon lies exactly on it.
+    corners = np.array([[1, 0, 0], [0.6, 0.8, 0], [-0.6, 0.8, 0], [-1, 0, 0], [0, -1, 0]])
+    spike = unit(np.array([[0.6, 0.0, 0.8], [0.0, 0.6, 0.8]]))
+    wide = region(Z, corners, spike)
+    arcs = gather([wide._replace(free=np.zeros(7, bool))])
+    assert by_arcs.sky_view_factor(arcs, Z)[0][0] == pytest.approx(1.0, abs=ROUNDING)
+    assert by_arcs.sky_view_factor(arcs, -Z)[0][0] == 0
 
 
 # --------------------------------------------------------------------------------------------------- skies
