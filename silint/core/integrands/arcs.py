@@ -26,8 +26,10 @@ from silint.core.arcs_types import Arcs
 from silint.core.jit import INNER, PARALLEL
 from silint.core.radial import azimuth
 
-# A sum over a boundary whose arcs are a few turns long is rounded by about this much.
+# A sum over 64 arcs is rounded by less than this, over more by more as the square root: measured against
+# sums in extended precision, 7e-16 for 60 arcs and 3e-15 for 1300.
 ROUNDING = 1e-15
+_FEW = 64
 
 # A horizon whose stretches add up to a turn within this is whole; sums over thousands of arcs are better.
 _TURN_TOLERANCE = 1e-9
@@ -344,6 +346,7 @@ def sky_view_factor(arcs: Arcs, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     Returns
     -------
     value, error_estimate : (n,) float64
+        As of `hemisphere_fraction`, except that an arc missing close to up does more harm than its length.
     """
     value = np.empty(len(arcs.counts))
     sum_sky(arcs.normals, frame_of(up), arcs.counts, arcs.starts, arcs.directions, value)
@@ -375,12 +378,18 @@ def frame_of(up: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(up, first), up])
 
 
+def rounding(arcs: Arcs) -> np.ndarray:
+    """What rounding may make of a sum of fractions: (n,) float64."""
+    grown: np.ndarray = ROUNDING * np.sqrt(1.0 + arcs.counts / _FEW)
+    return grown
+
+
 def error_of_gap(arcs: Arcs) -> np.ndarray:
     """Error estimate of fractions: (n,) float64.
 
     An arc of length s adds at most s / 2 pi to any of them, and s is at most pi / 2 times its chord.
     """
-    estimate: np.ndarray = ROUNDING + 0.25 * closure_gap(arcs)
+    estimate: np.ndarray = rounding(arcs) + 0.25 * closure_gap(arcs)
     return np.minimum(estimate, 1.0)
 
 

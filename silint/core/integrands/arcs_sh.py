@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
-from silint.core.integrands.arcs import ROUNDING, arc, arc_length, closure_gap, cross, is_open, triangle
+from silint.core.integrands.arcs import arc, arc_length, closure_gap, cross, is_open, rounding, triangle
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.sh import Coupling, contract, coupling, harmonics, moment_degree, open_hemisphere
@@ -263,7 +263,8 @@ def sh_transfer(arcs: Arcs, max_degree: int, weighting: str) -> tuple[np.ndarray
     value[whole] = open_hemisphere(np.ascontiguousarray(arcs.normals[whole]), max_degree, weighting)
     # An arc of length s adds less than s to the length of all coefficients, and s is at most pi / 2 chords;
     # uniform coefficients are up to 2 pi long.
-    return value, 2.0 * np.pi * ROUNDING * set_of_lobes.condition + 0.5 * np.pi * closure_gap(arcs)
+    rounded = 2.0 * np.pi * set_of_lobes.condition * rounding(arcs)
+    return value, rounded + 0.5 * np.pi * closure_gap(arcs)
 
 
 def sh_irradiance(arcs: Arcs, coefficients: np.ndarray, max_degree: int) -> tuple[np.ndarray, np.ndarray]:
