@@ -76,7 +76,8 @@ def bake(
         At the file's own vertices with their normals, or at the faces' centres.
     isolines : int, optional
         Lines for each point, by default 64; the error falls as their number grows.
-    method : {"auto", "octahedral", "radial"}
+    method : {"auto", "octahedral", "radial", "exact"}
+        "exact" integrates along boundary arcs, without lines.
     weighting : {"cosine", "uniform"}
         Of ambient occlusion; the other quantities are cosine-weighted by definition.
     up : array_like, shape (3,)

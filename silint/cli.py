@@ -153,7 +153,7 @@ def _demo(
     seconds = summary["seconds"]
     print(
         f"baked ambient occlusion at {summary['n_points']:,} vertices of {summary['n_faces']:,} triangles: "
-        f"{seconds['bake']:.1f} s with {summary['isolines']} isolines"
+        f"{seconds['bake']:.1f} s {_with_lines(summary['isolines'])}"
     )
     _print_comparison(summary["comparison"])
     for file in summary["files"]:
@@ -172,7 +172,7 @@ def _bake(
     tolerance: Annotated[
         float | None, typer.Option(help="In place of isolines: as many as every point needs.")
     ] = None,
-    method: Annotated[str, typer.Option(help="auto, radial or octahedral.")] = "auto",
+    method: Annotated[str, typer.Option(help="auto, radial, octahedral or exact.")] = "auto",
     weighting: Annotated[str, typer.Option(help="Of ao: cosine or uniform.")] = "cosine",
     up: Annotated[tuple[float, float, float], typer.Option(help="Of sky: where it is.")] = (0.0, 0.0, 1.0),
     envmap: Annotated[
@@ -184,8 +184,7 @@ def _bake(
 ) -> None:
     """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
     if quantity == "sh" and tolerance is None and envmap is None:
-        lines = 64 if isolines is None else isolines
-        _prt(mesh, output, per=per, isolines=lines, method=method, weighting=weighting, as_json=as_json)
+        _prt(mesh, output, per=per, isolines=isolines, method=method, weighting=weighting, as_json=as_json)
         return
     with _bar() as bar:
         from silint.bake import bake
@@ -227,8 +226,8 @@ def _prt(
     output: Annotated[str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb, or a folder")],
     max_degree: Annotated[int, typer.Option(help="0 to 16, of spherical harmonics.")] = 2,
     per: Annotated[str, typer.Option(help="vertex or face.")] = "vertex",
-    isolines: Annotated[int, typer.Option(help="More are more accurate.")] = 64,
-    method: Annotated[str, typer.Option(help="auto, radial or octahedral.")] = "auto",
+    isolines: Annotated[int | None, typer.Option(help="More are more accurate; 64 by default.")] = None,
+    method: Annotated[str, typer.Option(help="auto, radial, octahedral or exact.")] = "auto",
     weighting: Annotated[str, typer.Option(help="cosine or uniform.")] = "cosine",
     as_json: JsonFlag = False,
 ) -> None:
@@ -386,10 +385,14 @@ def _print_costs(summary: dict[str, Any]) -> None:
     seconds = summary["seconds"]
     print(
         f"read {seconds['load']:.2f} s, built {seconds['build']:.2f} s, "
-        f"integrated {seconds['integrate']:.2f} s, {summary['isolines']} isolines"
+        f"integrated {seconds['integrate']:.2f} s {_with_lines(summary['isolines'])}"
     )
     if summary["peak_memory_bytes"]:
         print(f"at most {summary['peak_memory_bytes'] / 2**20:,.0f} MiB of memory")
+
+
+def _with_lines(isolines: int) -> str:
+    return f"with {isolines} isolines" if isolines else "exactly"
 
 
 def _vector(v: Any) -> str:

@@ -117,7 +117,7 @@ def prt(
     source: Scene | SilhouetteIntegrator | str | os.PathLike[str] | Any,
     max_degree: int = 2,
     per: str = "vertex",
-    isolines: int = 64,
+    isolines: int | None = None,
     weighting: str = "cosine",
     method: str = "auto",
     progress: Progress | None = None,
@@ -132,11 +132,12 @@ def prt(
         shadows [Ramamoorthi, Hanrahan 2001]; the edges of shadows want more.
     per : {"vertex", "face"}
         At the file's own vertices with their normals, or at the faces' centres.
-    isolines : int
-        Lines for each point; the error falls as their number grows.
+    isolines : int, optional
+        Lines for each point, by default 64; the error falls as their number grows.
     weighting : {"cosine", "uniform"}
         (1/pi) int V max(n.w,0) Y dw, or int V Y dw over the hemisphere of n.
-    method : {"auto", "octahedral", "radial"}
+    method : {"auto", "octahedral", "radial", "exact"}
+        "exact" integrates along boundary arcs, without lines.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
 
@@ -196,7 +197,7 @@ def prt_file(
     output: str | os.PathLike[str],
     max_degree: int = 2,
     per: str = "vertex",
-    isolines: int = 64,
+    isolines: int | None = None,
     weighting: str = "cosine",
     method: str = "auto",
     progress: Progress | None = None,
@@ -261,11 +262,12 @@ def prt_file(
     }
 
 
-def _check_options(max_degree: int, per: str, isolines: int, weighting: str, method: str) -> None:
+def _check_options(max_degree: int, per: str, isolines: int | None, weighting: str, method: str) -> None:
     from silint.evaluate import MAX_ISOLINES, METHODS
 
     positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
     choice(per, "per", PER)
-    positive_int(isolines, "isolines", 1, MAX_ISOLINES)
+    if isolines is not None:
+        positive_int(isolines, "isolines", 1, MAX_ISOLINES)
     choice(weighting, "weighting", WEIGHTINGS)
     choice(method, "method", METHODS)

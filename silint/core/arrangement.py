@@ -10,8 +10,8 @@ Nothing happens to the list but
 so all that is decided in floating point is the order of events by azimuth, and the order of the list at each
 event, from one product and a sum an edge. Each order is taken as it is found, and what it implies follows
 combinatorially: pairs whose order changed have crossed, once; W is summed along the list. The result is the
-exact arrangement of arcs that differ from the given ones by rounding, whatever degeneracies there are, as in
-Sugihara and Iri's topology-oriented approach; nothing has to be in general position, and no error grows.
+exact arrangement of arcs that differ from the given ones by rounding, whatever degeneracies there are [SI92];
+nothing has to be in general position, and no error grows.
 
 An edge is part of the boundary where W = 0 on one side of it. (A depth count jumps by two or one across every
 contour edge, so never on both.) Where the last region of the list is visible, so is the horizon below it.

@@ -53,5 +53,6 @@ Sources
     Lam60   Lambert 1760, Photometria (vector irradiance of a polygon).
     VOS83   Van Oosterom, Strackee 1983, The Solid Angle of a Plane Triangle.
     Arv95   Arvo 1995, Applications of Irradiance Tensors to the Simulation of Non-Lambertian Phenomena.
+    SI92    Sugihara, Iri 1992, Construction of the Voronoi Diagram for "One Million" Generators.
     WR18    Wang, Ramamoorthi 2018, Analytic Spherical Harmonic Coefficients for Polygonal Area Lights.
 """
