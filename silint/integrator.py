@@ -47,6 +47,7 @@ class _Integrand(NamedTuple):
     octahedral: Callable[[Visibility], Found]
     radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
     most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
+    max_degree: int = 0  # of harmonics
 
 
 class SilhouetteIntegrator:
@@ -217,7 +218,10 @@ class SilhouetteIntegrator:
         Parameters
         ----------
         max_degree : int
-            L, 0 to 16. K lines resolve degrees well below K / 2.
+            L, 0 to 16.
+        isolines : int, optional
+            64 by default. Fewer than 2 L radial ones would alias: 2 L are taken then, and the diagnostics
+            and `explain` say so. (Octahedral ones do not: their tables integrate the harmonics over strips.)
         weighting : {"cosine", "uniform"}
             (1/pi) int V max(n.w, 0) Y_lm dw, or int V Y_lm dw over the hemisphere of n.
         tolerance : float, optional
@@ -236,6 +240,7 @@ class SilhouetteIntegrator:
             ),
             lambda v: radial_sh.sh_transfer(v, degree, weighting),
             min(octahedral_sh.most_isolines(degree, weighting), MAX_ISOLINES),
+            degree,
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
@@ -443,8 +448,8 @@ class SilhouetteIntegrator:
                     value[rows[part]], estimate[rows[part]] = integrand.octahedral(visible)
                 add_counts(totals, visible.diagnostics)
             return
-        even = max(isolines + isolines % 2, 4)
-        for found, counts, group in self._finder.radial(p, n, even, progress):
+        lines = radial_sh.enough_lines(isolines, integrand.max_degree)
+        for found, counts, group in self._finder.radial(p, n, lines, progress):
             with KERNEL_LOCK:
                 value[rows[group]], estimate[rows[group]] = integrand.radial(found)
             add_counts(totals, counts)
