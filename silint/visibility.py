@@ -32,7 +32,7 @@ class Result(NamedTuple):
     """What the plain call returns."""
     error_estimate: FloatArray
     """(n,) what the errors of 95 % of points are below, from how much groups of isolines differ. What no
-    isoline meets it cannot see: with few isolines among small things fewer hold (benchmarks/estimates.py)."""
+    isoline meets it cannot see: with few isolines among small things fewer hold (docs/estimates.md)."""
     diagnostics: Mapping[str, int]
     """Counts over all points; see `SilhouetteIntegrator`."""
 
