@@ -2,9 +2,9 @@
 
     python benchmarks/exact.py [SCENE ...] [--assets DIR] [--output docs/exact_speed.md] [--json FILE]
 
-One process, in turns, medians of rounds, all threads on both sides. Points come in runs of neighbours spread
-over the scene, as in a bake. Aims: at most the time of 4096 Embree rays on clutter 9k and 31k, three times that
-on clutter 185k; gradients by points, normals and all vertices together at most 25 % on top.
+One process, in turns, medians of rounds, all threads on both sides. Points come in runs of neighbours
+spread over the scene, as in a bake. Aims: at most the time of 4096 Embree rays on clutter 9k and 31k, three
+times that on clutter 185k; gradients by points, normals and all vertices together at most 25 % on top.
 """
 
 from __future__ import annotations

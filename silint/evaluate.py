@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
+from silint.core.integrands import radial_sh
 from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import RadialIntervals
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
@@ -42,6 +43,7 @@ class Integrand(NamedTuple):
     radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
     exact: Callable[[Arcs], Found] | None = None  # None: no closed form along an arc
     most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
+    max_degree: int = 0  # of harmonics, for which few lines alias
     prepare: Callable[[int], Any] | None = (
         None  # builds the table for some isolines, before any lock is taken
     )
@@ -162,7 +164,7 @@ def _run(
                 value[rows[part]], estimate[rows[part]] = integrand.octahedral(visible)
             add_counts(totals, visible.diagnostics)
         return
-    even = max(isolines + isolines % 2, 4)
+    even = radial_sh.enough_lines(isolines, integrand.max_degree)
     for found, counts, group in finder.radial(p, n, even, progress):
         with KERNEL_LOCK:
             value[rows[group]], estimate[rows[group]] = integrand.radial(found)

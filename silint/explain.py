@@ -8,6 +8,7 @@ import numpy as np
 
 from silint.basis import Basis
 from silint.core.integrands.octahedral_sh import table_bytes
+from silint.core.integrands.radial_sh import enough_lines
 from silint.core.sh import moment_degree
 from silint.environment import Environment
 from silint.finder import VisibleFinder
@@ -163,7 +164,7 @@ def octahedral_plan(
 def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str, max_degree: int) -> Plan:
     """What a request needs on radial isolines."""
     cover = finder.cover
-    n_lines = max(isolines + isolines % 2, 4)
+    n_lines = enough_lines(isolines, max_degree if request == "sh_transfer" else 0)
     searches = tuple(
         Part(part.name, False, "covering needs no contours") if cover else part for part in _searches(finder)
     )

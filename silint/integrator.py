@@ -203,7 +203,10 @@ class SilhouetteIntegrator(TabulatedQueries):
         Parameters
         ----------
         max_degree : int
-            L, 0 to 16. K lines resolve degrees well below K / 2.
+            L, 0 to 16.
+        isolines : int, optional
+            64 by default. Fewer than 2 L radial ones would alias: 2 L are taken then, and the diagnostics
+            and `explain` say so. (Octahedral ones do not: their tables integrate the harmonics over strips.)
         weighting : {"cosine", "uniform"}
             (1/pi) int V max(n.w, 0) Y_lm dw, or int V Y_lm dw over the hemisphere of n.
         tolerance : float, optional
@@ -223,6 +226,7 @@ class SilhouetteIntegrator(TabulatedQueries):
             lambda v: radial_sh.sh_transfer(v, degree, weighting),
             lambda a: arcs_sh.sh_transfer(a, degree, weighting),
             min(octahedral_sh.most_isolines(degree, weighting), MAX_ISOLINES),
+            max_degree=degree,
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 

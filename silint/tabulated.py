@@ -154,7 +154,7 @@ class TabulatedQueries:
             None,
             None,
             min(functions.most_isolines, MAX_ISOLINES),
-            functions.table if functions.is_function else None,
+            prepare=functions.table if functions.is_function else None,
         )
         return self._integrate(
             integrand, points, normals, isolines, "octahedral", tolerance, full_output, progress

@@ -32,8 +32,8 @@ class Result(NamedTuple):
     value: FloatArray
     """What the plain call returns."""
     error_estimate: FloatArray
-    """(n,) the difference between the values of the even and of the odd isolines: pessimistic, since the
-    value uses both."""
+    """(n,) what the errors of 95 % of points are below, from how much groups of isolines differ. What no
+    isoline meets it cannot see: with few isolines among small things fewer hold (docs/estimates.md)."""
     diagnostics: Mapping[str, int]
     """Counts over all points; see `SilhouetteIntegrator`."""
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from scenes import polyhedra
 from scenes.mesh import concatenate, moved
 from silint import InputError, Result, Scene, SilhouetteIntegrator, Visibility, sh
-from silint.core.integrands import octahedral_sh
+from silint.core.integrands import octahedral_sh, radial_sh
 
 METHODS = ("octahedral", "radial")
 WEIGHTINGS = ("cosine", "uniform")
@@ -253,11 +253,53 @@ def test_estimates_hold(
     integrator: SilhouetteIntegrator, shade: tuple[np.ndarray, np.ndarray], weighting: str, method: str
 ) -> None:
     truth = integrator.sh_transfer(*shade, 4, 2048, weighting, "radial")
-    found = integrator.sh_transfer(*shade, 4, 64, weighting, method, full_output=True)
-    error = np.linalg.norm(found.value - truth, axis=1)
-    # What the estimates of all integrands promise: 95 % of points.
-    assert (error <= found.error_estimate).mean() >= 0.95
-    assert np.median(found.error_estimate) < 20 * np.median(error)
+    ratios = []
+    for k in (48, 64, 96, 128, 192):
+        found = integrator.sh_transfer(*shade, 4, k, weighting, method, full_output=True)
+        error = np.linalg.norm(found.value - truth, axis=1)
+        # Points that see no edge are right to rounding, and known to be.
+        known = found.error_estimate < 1e-9
+        assert (error[known] < 1e-9).all()
+        ratios.append(error[~known] / found.error_estimate[~known])
+    # What the estimates of all integrands promise: 95 % of points; some 175 numbers scatter by 1.6 %. And no
+    # more than it takes: three times the constants fail.
+    ratio = np.concatenate(ratios)
+    assert (ratio <= 1.0).mean() >= 0.92
+    assert np.quantile(ratio, 0.95) > 0.3
+
+
+@pytest.mark.parametrize(("isolines", "max_degree", "taken"), [(1, 0, 4), (5, 2, 6), (6, 8, 16), (16, 8, 16)])
+def test_radial_lines_are_as_many_as_the_degree_needs(
+    integrator: SilhouetteIntegrator,
+    shade: tuple[np.ndarray, np.ndarray],
+    isolines: int,
+    max_degree: int,
+    taken: int,
+) -> None:
+    found = integrator.sh_transfer(*shade, max_degree, isolines, full_output=True)
+    assert found.diagnostics["isolines"] == taken
+    np.testing.assert_array_equal(found.value, integrator.sh_transfer(*shade, max_degree, taken))
+    plan = integrator.explain("sh_transfer", isolines, max_degree=max_degree)
+    assert str(plan).startswith(f"sh_transfer, {taken} radial isolines")
+    # Of the request, not of what else is asked of the scene; and octahedral lines need no more.
+    assert "2 radial" not in str(integrator.explain("ambient_occlusion", 1, max_degree=16)).split(",")[1]
+    told = integrator.sh_transfer(*shade, max_degree, isolines, method="octahedral", full_output=True)
+    assert told.diagnostics["isolines"] == max(isolines, 2)
+
+
+def test_lines_too_few_for_a_degree_would_alias(
+    integrator: SilhouetteIntegrator, shade: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """What `enough_lines` is for: 8 lines take m = 7 for m = 1, and so on."""
+    truth = integrator.sh_transfer(*shade, 16, 1024)
+    rms = {}
+    for fewest in (8, 32):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(radial_sh, "enough_lines", lambda k, degree, n=fewest: n)
+            difference = integrator.sh_transfer(*shade, 16, 8) - truth
+        rms[fewest] = np.sqrt((difference**2).mean())
+    # lines^-1.5 would be a factor of 8.
+    assert rms[8] > 8 * rms[32]
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -138,7 +138,7 @@ def test_points_are_those_of_quadrature(max_degree: int, n_lines: int, weighting
     # Sums of some dozens of terms of order 1, turned.
     np.testing.assert_allclose(value, expected, rtol=0, atol=1e-12)
     groups = np.stack([value_of(GROUPS * seen[:, g], GROUPS * whole[:, g]) - expected for g in range(GROUPS)])
-    spread = radial.ERROR_OF_SPREAD * np.sqrt((groups**2).sum(axis=2).mean(axis=0))
+    spread = radial_sh.ERROR_OF_SPREAD * np.sqrt((groups**2).sum(axis=2).mean(axis=0))
     np.testing.assert_allclose(estimate, spread, rtol=0, atol=1e-12)
 
 

@@ -86,7 +86,7 @@ def irradiance(normals: np.ndarray, visible: Intervals, light: LightTable) -> tu
     -------
     value : (n, C) float64
     error_estimate : (n,) float64
-        The difference between even and odd isolines, of the channel in which it is largest.
+        From the difference between even and odd isolines, of the channel in which it is largest.
     """
     uniform = constant_light(np.ones(1), light.isolines)
     seen = np.einsum("nhci,ni->nhc", vector_irradiance(light, *visible), normals)
@@ -94,6 +94,8 @@ def irradiance(normals: np.ndarray, visible: Intervals, light: LightTable) -> tu
     whole = np.einsum("nhci,ni->nh", horizon, normals)
     value = seen.sum(axis=1) * _share(whole.sum(axis=1))[:, None]
     halves = seen * _share(whole)[..., None]
+    # As it is: it holds for 88 to 99 % of points (docs/estimates.md), half of it for 81 to 99 %. A sun that
+    # all lines see, but that lies in the strips of one half, makes the halves differ and the sum no worse.
     estimate = np.abs(halves[:, 0] - halves[:, 1]).max(axis=1, initial=0.0)
     # Isolines of which one half meets no hemisphere say nothing about their error.
     alone = (whole <= 0.0).any(axis=1)
