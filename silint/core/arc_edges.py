@@ -1,0 +1,160 @@
+"""Contour edges of a shade point on the sphere of directions: clipped, directed, ready for the sweep.
+
+In the frame (T, M, A) of `radial` an edge is a great circle arc with cot(theta) = along cos(phi) + across
+sin(phi). It is cut off at the horizon of the normal, and directed so that it runs towards rising azimuth.
+Azimuths are keys: one number for each vertex, the same in all of its edges, and every question of direction
+is answered from them. So the arcs close up wherever edges do, whatever rounding did to the keys.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from silint.core.jit import INNER
+from silint.core.lanes import WIDTH
+from silint.core.radial import AT_POINT, azimuth
+
+# An edge of the sweep: coefficients of cot(theta); what it stays between; unit normal, start and end; where
+# the visible arc began that is being followed; and +-1 where it has no slope.
+ALONG, ACROSS, LOW, HIGH, NORMAL, START, END, OPEN, STEEP, N_EDGE = 0, 1, 2, 3, 4, 7, 10, 13, 16, 17
+# What the depth count gains across it, away from the axis; its vertices; the visible side (+1 towards the
+# axis, -1 away from it, 0 neither).
+GAIN, FROM, TO, SIDE, N_STATE = 0, 1, 2, 3, 4
+
+# Fields of 16 lanes. Both ends and the edge from the shade point; then the clipped ends, the normal, along
+# and across, azimuths of the clipped ends and of the whole edge's, N_A, cot(theta) of the clipped ends, and
+# heights of the whole edge's.
+_A, _B, _E, _AC, _BC, _N, _CIRCLE, _KEY, _WHOLE, _TURN, _COT = 0, 3, 6, 9, 12, 15, 18, 20, 22, 24, 25
+_HEIGHT, N_LANE_FIELDS = 27, 29
+
+# Edges narrower than this in azimuth are kept between their ends: their slope is all rounding.
+_NARROW = 1e-6
+# Half a turn within this is told by the sign of N_A.
+_HALF_TURN = 1e-9
+
+_UW = np.uint64(WIDTH)
+_U = tuple(np.uint64(i * WIDTH) for i in range(N_LANE_FIELDS))
+(
+    _U0, _U1, _U2, _U3, _U4, _U5, _U6, _U7, _U8, _U9, _U10, _U11, _U12, _U13, _U14, _U15, _U16, _U17, _U18,
+    _U19, _U20, _U21, _U22, _U23, _U24, _U25, _U26, _U27, _U28,
+) = _U  # fmt: skip
+
+
+@njit(**INNER)
+def turns_left(key_a, key_b, turn):
+    """Whether an arc from a to b, shorter than pi, runs towards rising azimuth."""
+    d = key_b - key_a
+    if abs(abs(d) - np.pi) < _HALF_TURN:
+        return turn > 0.0
+    return 0.0 <= d < np.pi or d < -np.pi
+
+
+@njit(**INNER)
+def _project(lanes, frame, n):
+    """Fields from _AC on, of 16 edges."""
+    f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
+    f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
+    f20, f21, f22 = frame[2, 0], frame[2, 1], frame[2, 2]
+    n0, n1, n2 = n
+    for i in range(_UW):
+        x, y, z = lanes[i], lanes[i + _U1], lanes[i + _U2]
+        at, am, aa = f00 * x + f01 * y + f02 * z, f10 * x + f11 * y + f12 * z, f20 * x + f21 * y + f22 * z
+        a_height = n0 * x + n1 * y + n2 * z
+        x, y, z = lanes[i + _U3], lanes[i + _U4], lanes[i + _U5]
+        bt, bm, ba = f00 * x + f01 * y + f02 * z, f10 * x + f11 * y + f12 * z, f20 * x + f21 * y + f22 * z
+        b_height = n0 * x + n1 * y + n2 * z
+        x, y, z = lanes[i + _U6], lanes[i + _U7], lanes[i + _U8]
+        et, em, ea = f00 * x + f01 * y + f02 * z, f10 * x + f11 * y + f12 * z, f20 * x + f21 * y + f22 * z
+        key_a, key_b = azimuth(at, am), azimuth(bt, bm)
+
+        # As ratios of heights: differences of a and b would lose everything next to the shade point.
+        wa, wb = abs(a_height), abs(b_height)
+        ht, hm, ha = wa * bt + wb * at, wa * bm + wb * am, wa * ba + wb * aa
+        a_out, b_out = not (a_height > 0.0), not (b_height > 0.0)
+        nt, nm, turn = am * ea - aa * em, aa * et - at * ea, at * em - am * et
+        at, am, aa = ht if a_out else at, hm if a_out else am, ha if a_out else aa
+        bt, bm, ba = ht if b_out else bt, hm if b_out else bm, ha if b_out else ba
+
+        s = 1.0 / np.sqrt(at * at + am * am + aa * aa)
+        lanes[i + _U9], lanes[i + _U10], lanes[i + _U11] = s * at, s * am, s * aa
+        s = 1.0 / np.sqrt(bt * bt + bm * bm + ba * ba)
+        lanes[i + _U12], lanes[i + _U13], lanes[i + _U14] = s * bt, s * bm, s * ba
+        s = 1.0 / np.sqrt(nt * nt + nm * nm + turn * turn)
+        lanes[i + _U15], lanes[i + _U16], lanes[i + _U17] = s * nt, s * nm, s * turn
+        s = -1.0 / turn
+        lanes[i + _U18], lanes[i + _U19] = s * nt, s * nm
+        key = azimuth(ht, hm)
+        lanes[i + _U20], lanes[i + _U21] = key if a_out else key_a, key if b_out else key_b
+        lanes[i + _U22], lanes[i + _U23] = key_a, key_b
+        lanes[i + _U24] = turn
+        lanes[i + _U25] = aa / np.sqrt(at * at + am * am)
+        lanes[i + _U26] = ba / np.sqrt(bt * bt + bm * bm)
+        lanes[i + _U27], lanes[i + _U28] = a_height, b_height
+
+
+@njit(**INNER)
+def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, state, key, code, tie):
+    """Edges of the sweep and its events, from contour edges.
+
+    Parameters
+    ----------
+    contours : (capacity, 3) int32
+        See `contour.decide_contours`.
+    lanes : (N_LANE_FIELDS * 16,) float64
+        Scratch.
+    edges, state : (capacity, N_EDGE) float64, (capacity, N_STATE) int32, out
+    key, code, tie : (2 capacity,) float64, int32, int32, out
+        Of event i: azimuth; 2 e where edge e starts, 2 e + 1 where it ends; and the vertex there, or a number
+        of its own on the horizon.
+    """
+    n_vertices = len(vertices)
+    for first in range(0, n_contours, WIDTH):
+        number = min(WIDTH, n_contours - first)
+        for i in range(number):
+            a, b = contours[first + i, 0], contours[first + i, 1]
+            for axis in range(3):
+                lanes[axis * WIDTH + i] = vertices[a, axis] - p[axis]
+                lanes[(_B + axis) * WIDTH + i] = vertices[b, axis] - p[axis]
+                lanes[(_E + axis) * WIDTH + i] = vertices[b, axis] - vertices[a, axis]
+            # A vertex at the shade point is seen along -n.
+            for end in (_A, _B):
+                j = end * WIDTH + i
+                if lanes[j] == 0.0 and lanes[j + WIDTH] == 0.0 and lanes[j + 2 * WIDTH] == 0.0:
+                    for axis in range(3):
+                        lanes[j + axis * WIDTH] = -AT_POINT * n[axis]
+        _project(lanes, frame, n)
+        for i in range(number):
+            e = first + i
+            a, b, jump = contours[e, 0], contours[e, 1], contours[e, 2]
+            key_a, key_b = lanes[_KEY * WIDTH + i], lanes[(_KEY + 1) * WIDTH + i]
+            whole_a, whole_b = lanes[_WHOLE * WIDTH + i], lanes[(_WHOLE + 1) * WIDTH + i]
+            tie_a = a if lanes[_HEIGHT * WIDTH + i] > 0.0 else n_vertices + e
+            tie_b = b if lanes[(_HEIGHT + 1) * WIDTH + i] > 0.0 else n_vertices + e
+            left = turns_left(whole_a, whole_b, lanes[_TURN * WIDTH + i])
+            # What is left above the horizon may be so short that its azimuths say the contrary.
+            d = key_b - key_a if left else key_a - key_b
+            if -0.5 * np.pi < d < 0.0 or d > 1.5 * np.pi:
+                left = not left
+            if key_a == key_b:
+                left = tie_a < tie_b
+            sign = 1.0 if left else -1.0
+            start, end = (_AC, _BC) if left else (_BC, _AC)
+            for axis in range(3):
+                edges[e, NORMAL + axis] = sign * lanes[(_N + axis) * WIDTH + i]
+                edges[e, START + axis] = lanes[(start + axis) * WIDTH + i]
+                edges[e, END + axis] = lanes[(end + axis) * WIDTH + i]
+            edges[e, ALONG], edges[e, ACROSS] = lanes[_CIRCLE * WIDTH + i], lanes[(_CIRCLE + 1) * WIDTH + i]
+            edges[e, LOW], edges[e, HIGH], edges[e, STEEP] = -np.inf, np.inf, 0.0
+            if abs(key_b - key_a) < _NARROW or abs(key_b - key_a) > 2.0 * np.pi - _NARROW:
+                cot_a, cot_b = lanes[_COT * WIDTH + i], lanes[(_COT + 1) * WIDTH + i]
+                edges[e, LOW], edges[e, HIGH] = min(cot_a, cot_b), max(cot_a, cot_b)
+                if not (abs(edges[e, ALONG]) + abs(edges[e, ACROSS]) < np.inf):
+                    edges[e, ALONG], edges[e, ACROSS] = 0.0, 0.0
+                    edges[e, STEEP] = 1.0 if (cot_b > cot_a) == left else -1.0
+            state[e, GAIN] = -jump if left else jump
+            state[e, FROM], state[e, TO] = (a, b) if left else (b, a)
+            state[e, SIDE] = 0
+            key[2 * e], key[2 * e + 1] = (key_a, key_b) if left else (key_b, key_a)
+            tie[2 * e], tie[2 * e + 1] = (tie_a, tie_b) if left else (tie_b, tie_a)
+            code[2 * e], code[2 * e + 1] = 2 * e, 2 * e + 1

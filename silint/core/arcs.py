@@ -1,0 +1,284 @@
+"""Exact phase one: tiles of shade points to the boundary arcs of what they see.
+
+    bundles near the tile -> edges of the point -> contours -> arcs of the sphere -> W from the axis -> sweep
+
+The search is that of the isolines, without their lines: every contour edge above the horizon matters. A
+point whose depth counts contradict each other is done once more in another frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from silint.core.along import N_AXIS, faces_along, set_axis
+from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, turns_left
+from silint.core.arrangement import new_sweep, sweep_arcs
+from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
+from silint.core.jit import INNER, PARALLEL
+from silint.core.lanes import WIDTH
+from silint.core.radial import azimuth, in_frame, local_vertex, set_frame
+from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
+
+
+def _second_rotation() -> np.ndarray:
+    """Of the second frame in the first: turned by 2 about the axis, then tilted by 0.3."""
+    c, s = np.cos(2.0), np.sin(2.0)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    c, s = np.cos(0.3), np.sin(0.3)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    rows: np.ndarray = tilt @ turn
+    return rows
+
+
+_R = tuple(tuple(float(x) for x in row) for row in _second_rotation())
+# Lines so dense that no edge lies between two of them (filters.octahedral_mask).
+_EVERYWHERE = 1e6
+
+
+@njit(**INNER)
+def _turn_frame(frame):
+    """Put the second frame in place of the first."""
+    for axis in range(3):
+        t, m, a = frame[0, axis], frame[1, axis], frame[2, axis]
+        frame[0, axis] = _R[0][0] * t + _R[0][1] * m + _R[0][2] * a
+        frame[1, axis] = _R[1][0] * t + _R[1][1] * m + _R[1][2] * a
+        frame[2, axis] = _R[2][0] * t + _R[2][1] * m + _R[2][2] * a
+
+
+@njit(**INNER)
+def axis_count(geometry, face_ids, n_along, p, n, frame, rounding):
+    """W along the axis of the frame: the faces that wind round it and leave the depth count as edges say.
+
+    With the azimuths and directions of arc_edges, so that this count and the sweep cannot disagree.
+    """
+    count = 0
+    for i in range(n_along):
+        f = face_ids[i]
+        winding = 0
+        for j in range(3):
+            winding += _passes_start(
+                geometry.vertices, geometry.faces[f, j], geometry.faces[f, (j + 1) % 3], p, n, frame
+            )
+        if winding == 0:
+            continue
+        code = geometry.face_planes[f]
+        k = max(code, ~code)
+        side = plane_side(geometry.planes, k, geometry.plane_errors[k] + rounding, p, n)
+        count += (winding < 0) == ((side > 0) == (code >= 0))
+    return count
+
+
+@njit(**INNER)
+def _passes_start(vertices, a, b, p, n, frame):
+    """+1 where the arc from a to b passes azimuth 0 to the left, -1 to the right, else 0."""
+    sign = 1
+    if a > b:
+        a, b, sign = b, a, -1
+    at, am, _, _ = local_vertex(vertices, a, p, n, frame)
+    bt, bm, _, _ = local_vertex(vertices, b, p, n, frame)
+    et, em, _ = in_frame(
+        vertices[b, 0] - vertices[a, 0],
+        vertices[b, 1] - vertices[a, 1],
+        vertices[b, 2] - vertices[a, 2],
+        frame,
+    )
+    key_a, key_b = azimuth(at, am), azimuth(bt, bm)
+    if turns_left(key_a, key_b, at * em - am * et):
+        return sign if key_b < key_a else 0
+    return -sign if key_a < key_b else 0
+
+
+@njit(**INNER)
+def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts, starts, sound, tally):
+    """Arcs of the points [first, last), tile by tile, in one list."""
+    frame = np.empty((3, 3))
+    tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
+    q, no_lines = np.empty((TILE, N_POINT), np.float32), np.empty((0, 2), np.float32)
+    search = new_search(8, 2048)
+    stack, face_ids = np.empty((256, 2), np.int64), np.empty(64, np.int32)
+    lanes = np.empty(N_LANE_FIELDS * WIDTH)
+    # Not literals, for which everything would be compiled again.
+    capacity, n_pairs, n_found = np.int64(1024), np.int64(64), np.int64(0)
+    contours = np.empty((capacity, 3), np.int32)
+    sweep = new_sweep(capacity, n_pairs)
+    directions, ids = np.empty((8192, 9)), np.empty((8192, 2), np.int32)
+
+    for tile_first in range(first, last, TILE):
+        tile_last = min(tile_first + TILE, last)
+        set_tile(points, normals, tile_first, tile_last, tile)
+        for i in range(tile_first, tile_last):
+            p = points[i, 0], points[i, 1], points[i, 2]
+            n = normals[i, 0], normals[i, 1], normals[i, 2]
+            set_frame(n, frame)
+            across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
+            set_point(p, n, across, over, _EVERYWHERE, tile, q[i - tile_first])
+        search = search_tile(
+            search, trees, tile, q[: tile_last - tile_first], no_lines, tally[tile_first:tile_last]
+        )
+        for i in range(tile_first, tile_last):
+            p = points[i, 0], points[i, 1], points[i, 2]
+            n = normals[i, 0], normals[i, 1], normals[i, 2]
+            rounding = side_rounding(p)
+            edge_ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
+            if ends[i - tile_first, 2] > capacity:
+                capacity = 2 * ends[i - tile_first, 2]
+                contours = np.empty((capacity, 3), np.int32)
+                sweep = new_sweep(capacity, n_pairs)
+            n_edges = np.int64(0)
+            for which in range(2):
+                tree = trees[which]
+                lo, hi = ends[i - tile_first, which], ends[i - tile_first, which + 1]
+                n_edges = decide_contours(
+                    geometry.vertices,
+                    geometry.planes,
+                    geometry.plane_errors,
+                    tree.ends,
+                    tree.offsets,
+                    tree.codes,
+                    edge_ids[lo:hi],
+                    sides[lo:hi],
+                    p,
+                    n,
+                    rounding,
+                    contours,
+                    n_edges,
+                    tally[i],
+                )
+            tally[i, CONTOURS] += n_edges
+            set_frame(n, frame)
+            starts[i] = n_found
+            attempt = 0
+            while True:
+                set_axis(
+                    p,
+                    (frame[0, 0], frame[0, 1], frame[0, 2]),
+                    (frame[1, 0], frame[1, 1], frame[1, 2]),
+                    (frame[2, 0], frame[2, 1], frame[2, 2]),
+                    axis,
+                )
+                n_along = np.int64(0)
+                while True:
+                    n_along = faces_along(
+                        faces.order, faces.coarse, faces.nodes, faces.levels, axis, stack, face_ids
+                    )
+                    if n_along <= len(face_ids):
+                        break
+                    face_ids = np.empty(2 * n_along, np.int32)
+                w = axis_count(geometry, face_ids, n_along, p, n, frame, rounding)
+                direct_edges(
+                    geometry.vertices,
+                    contours,
+                    n_edges,
+                    p,
+                    n,
+                    frame,
+                    lanes,
+                    sweep.edges,
+                    sweep.state,
+                    sweep.key,
+                    sweep.code,
+                    sweep.tie,
+                )
+                end, is_sound = sweep_arcs(
+                    sweep,
+                    n_edges,
+                    len(geometry.vertices),
+                    w,
+                    in_frame(n[0], n[1], n[2], frame),
+                    frame,
+                    directions,
+                    ids,
+                    n_found,
+                )
+                if is_sound < 0:
+                    n_pairs *= 4
+                    sweep = new_sweep(capacity, n_pairs)
+                elif end > len(directions):
+                    more = 2 * end
+                    longer, longer_ids = np.empty((more, 9)), np.empty((more, 2), np.int32)
+                    for j in range(n_found):
+                        for k in range(9):
+                            longer[j, k] = directions[j, k]
+                        longer_ids[j, 0], longer_ids[j, 1] = ids[j, 0], ids[j, 1]
+                    directions, ids = longer, longer_ids
+                elif is_sound == 0 and attempt == 0:
+                    attempt = 1
+                    _turn_frame(frame)
+                else:
+                    sound[i] = 0 if is_sound == 0 else (2 if attempt > 0 else 1)
+                    counts[i] = end - n_found
+                    n_found = end
+                    break
+    return directions, ids, n_found
+
+
+@njit(**PARALLEL)
+def boundary_arcs(
+    geometry,
+    contour,
+    boundary,
+    faces,
+    points,
+    normals,
+    hands,
+    per_block,
+    counts,
+    starts,
+    sound,
+    directions,
+    edges,
+    needed,
+    tally,
+):
+    """Boundary arcs of what many shade points see.
+
+    Parameters
+    ----------
+    geometry : Topology
+    contour, boundary : EdgeBundles
+        Of ordinary edges, and of all others.
+    faces : FaceBundles
+    points, normals : (n, 3) float64
+        In scaled units and already displaced, in tile order; unit normals.
+    hands : int
+        The number of threads; nothing but the time depends on it.
+    per_block : int
+        Points of a block, a multiple of TILE.
+    counts, starts : (n,) int64, out
+        Arcs of each point, and the first row of them within its block.
+    sound : (n,) int8, out
+        1, 2 where it took the second frame, 0 where both failed.
+    directions, edges : (blocks, capacity, 9) float64, (blocks, capacity, 2) int32, out
+        See Arcs; tightly packed within a block.
+    needed : (blocks,) int64, out
+        Arcs of each block; a block that needs more than the capacity is left unwritten.
+    tally : (n, N_TALLY) int64, zero, out
+    """
+    n, n_blocks = len(points), len(directions)
+    # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.
+    share = (n_blocks + hands - 1) // hands
+    for i in prange(share * hands):
+        block = i % share * hands + i // share
+        if block >= n_blocks:
+            continue
+        first, last = block * per_block, min((block + 1) * per_block, n)
+        found, ids, n_found = _arcs_of_tiles(
+            geometry,
+            (contour, boundary),
+            faces,
+            points,
+            normals,
+            first,
+            last,
+            counts,
+            starts,
+            sound,
+            tally,
+        )
+        needed[block] = n_found
+        if n_found <= directions.shape[1]:
+            for j in range(n_found):
+                for k in range(9):
+                    directions[block, j, k] = found[j, k]
+                edges[block, j, 0], edges[block, j, 1] = ids[j, 0], ids[j, 1]
