@@ -8,9 +8,9 @@ circle runs along it, where the hair decides. What is visible on just one side i
 crossings nor depth counts, and where rounding misplaces the end of a range, it does so by as much as it
 rounds. Edges that lie on each other as seen (abutting boxes, faces that exist twice) count once.
 
-Where two circles cross is computed from their unit normals, by the same operations on either edge, so that
-what one arc loses by rounding its neighbour gains. Those normals are taken in double-double arithmetic: the
-point's bits are exact, and an edge 1e-11 away from it is seen as well as any.
+Circles and where they cross are taken in double-double arithmetic, 1e-31 of the coordinates as given: an edge
+1e-11 away from the point is seen as well as any, and circles that all but coincide cross where they do. That
+what it finds closes up to rounding (`closure`) is a check on each value.
 
 All points are shade points: displaced already, normals of unit length, in units in which coordinates are
 around 1 (the units of a `Scene`'s topology).
@@ -36,11 +36,12 @@ __all__ = [
     "vector_irradiance",
 ]
 
-# Two edges whose directions differ by less than this are taken to run along each other. Coordinates round to
-# 1e-16 and edges are seldom shorter than 1e-3 as seen.
-ALONG = 1e-12
-# Arcs are cut into pieces of at most this length, so that an angle has one place on a piece.
-LONGEST = 0.8
+# Sine of the angle between circles below which they are one: the rounding of double-double normals.
+ALONG = 1e-26
+# What is further than this from a circle in double precision is off it in any.
+FILTER = 1e-13
+# Arcs are cut into pieces of at most this length.
+LONGEST = 1.5
 
 
 class Arcs(NamedTuple):
@@ -174,36 +175,34 @@ def _normalise(v):
 
 
 @njit(cache=True)
-def _look(positions, edges, p, relative, directions, normals, middles):
-    """Vertices and edges as seen from p: directions, normals a x b of edges (lower vertex first), middles.
+def _look(positions, edges, p, relative, directions, exact_normals, normals, seen):
+    """Vertices and edges as seen from p: directions, and unit normals a x b of edges (lower vertex first).
 
-    Directions are zero for a vertex at p, normals for an edge seen end on.
+    Directions are zero for a vertex at p; an edge seen end on is not `seen`.
     """
     for v in range(len(positions)):
         for k in range(3):
             relative[v, k, 0], relative[v, k, 1] = _difference(positions[v, k], p[k])
             directions[v, k] = relative[v, k, 0]
         _normalise(directions[v])
-    cross, y = np.empty((3, 2)), np.empty(3)
     for e in range(len(edges)):
-        a, b = relative[edges[e, 0]], relative[edges[e, 1]]
+        a, b, cross = relative[edges[e, 0]], relative[edges[e, 1]], exact_normals[e]
         _exact_cross(a, b, cross)
-        size_a = abs(a[0, 0]) + abs(a[1, 0]) + abs(a[2, 0])
-        size_b = abs(b[0, 0]) + abs(b[1, 0]) + abs(b[2, 0])
+        length = np.sqrt(cross[0, 0] ** 2 + cross[1, 0] ** 2 + cross[2, 0] ** 2)
+        size = 1.0
+        for x in (a, b):
+            size *= abs(x[0, 0]) + abs(x[1, 0]) + abs(x[2, 0])
+        seen[e] = length > 1e-29 * size
+        if not seen[e]:
+            continue
         for k in range(3):
-            normals[e, k] = cross[k, 0] + cross[k, 1]
-        size = max(abs(normals[e, 0]), abs(normals[e, 1]), abs(normals[e, 2]))
-        if not size > 1e-29 * size_a * size_b or not _normalise(normals[e]):
-            normals[e, :] = 0.0
-        a, b = directions[edges[e, 0]], directions[edges[e, 1]]
-        _cross(normals[e], a, y)
-        half = 0.5 * np.arctan2(_dot(b, y), _dot(b, a))
-        for k in range(3):
-            middles[e, k] = np.cos(half) * a[k] + np.sin(half) * y[k]
+            cross[k, 0], cross[k, 1] = _times(cross[k, 0], cross[k, 1], 1.0 / length, 0.0)
+            normals[e, k] = cross[k, 0]
+        _normalise(normals[e])
 
 
 @njit(cache=True)
-def _turns(triangles, face_edges, runs, relative, normals, turn):
+def _turns(triangles, face_edges, runs, relative, seen, turn):
     """For each face's edges the sign that makes s N.w >= 0 its cone; 0 for faces seen edge-on."""
     cross = np.empty((3, 2))
     for f in range(len(triangles)):
@@ -219,19 +218,39 @@ def _turns(triangles, face_edges, runs, relative, normals, turn):
         if abs(det) > 1e-28 * size:
             s = 1.0 if det > 0.0 else -1.0
         for k in range(3):
-            e = face_edges[f, k]
-            if normals[e, 0] == 0.0 and normals[e, 1] == 0.0 and normals[e, 2] == 0.0:
+            if not seen[face_edges[f, k]]:
                 s = 0.0
         for k in range(3):
             turn[f, k] = s * runs[f, k]
 
 
 @njit(cache=True)
-def _where(x, a, y, start, end):
-    """Angle of the crossing +-x on a piece of the circle a cos t + y sin t."""
-    t = np.arctan2(_dot(x, y), _dot(x, a))
-    t -= np.pi * np.round((t - 0.5 * (start + end)) / np.pi)
-    return min(max(t, start), end)
+def _entry(circle, other, s, a, y, cross):
+    """Angle, on the circle a cos t + y sin t, at which it enters the half-space s other.w >= 0; and whether
+    it does: it may run along its bounding circle.
+    """
+    _exact_cross(other, circle, cross)
+    x0, x1, x2 = s * cross[0, 0], s * cross[1, 0], s * cross[2, 0]
+    if max(abs(x0), abs(x1), abs(x2)) < ALONG:
+        return 0.0, False
+    return np.arctan2(x0 * y[0] + x1 * y[1] + x2 * y[2], x0 * a[0] + x1 * a[1] + x2 * a[2]), True
+
+
+@njit(cache=True)
+def _near(t, middle):
+    """t give or take whole turns, next to the middle."""
+    return t - 2 * np.pi * np.round((t - middle) / (2 * np.pi))
+
+
+@njit(cache=True)
+def _add(ranges, n, low, high, start, end):
+    """Append what of [low, high] lies in [start, end], whatever turn it is on; returns how many there are."""
+    for i in range(-2, 3):
+        u, v = max(low + i * 2 * np.pi, start), min(high + i * 2 * np.pi, end)
+        if u < v:
+            ranges[n, 0], ranges[n, 1] = u, v
+            n += 1
+    return n
 
 
 @njit(cache=True)
@@ -258,209 +277,155 @@ def _inside(ranges, m, t):
 
 
 @njit(cache=True)
-def _pieces(edges, directions, normals, n, frames, ends, owner):
-    """Everything that may be boundary, in pieces: first the horizon, then all edges that reach above it.
-
-    frames (m, 3, 3): a, y, N; directions of a piece are a cos t + y sin t for t in ends (m, 2).
-    """
-    m = 0
-    across = np.zeros(3)
-    across[np.argmin(np.abs(n))] = 1.0
-    side = np.empty(3)
-    _cross(n, across, side)
-    _normalise(side)
-    for i in range(8):
-        frames[m, 0] = side
-        _cross(n, side, frames[m, 1])
-        frames[m, 2] = n
-        ends[m, 0], ends[m, 1] = i * np.pi / 4 - np.pi, (i + 1) * np.pi / 4 - np.pi
-        owner[m] = -1
-        m += 1
-    for e in range(len(edges)):
-        a, b, normal = directions[edges[e, 0]], directions[edges[e, 1]], normals[e]
-        if _dot(normal, normal) == 0.0:
+def _along_earlier(circle, normal, a, y, start, end, e, edges, directions, exact_normals, normals, seen, out):
+    """Ranges of an edge that lie on edges before it, as seen; returns how many."""
+    n = 0
+    cross = np.empty((3, 2))
+    for j in range(e):
+        if not seen[j]:
             continue
-        if _dot(a, n) <= 0.0 and _dot(b, n) <= 0.0:
+        c, d = directions[edges[j, 0]], directions[edges[j, 1]]
+        if abs(_dot(normal, c)) > FILTER or abs(_dot(normal, d)) > FILTER:
             continue
-        y = np.empty(3)
-        _cross(normal, a, y)
-        _normalise(y)
-        angle = np.arctan2(_dot(b, y), _dot(b, a))
-        if not angle > 0.0:
+        if _entry(circle, exact_normals[j], 1.0, a, y, cross)[1]:
             continue
-        k = int(np.ceil(angle / LONGEST))
-        for i in range(k):
-            frames[m, 0], frames[m, 1], frames[m, 2] = a, y, normal
-            ends[m, 0], ends[m, 1] = angle * (i / k), angle * ((i + 1) / k)
-            owner[m] = e
-            m += 1
-    return m
+        low, high = np.arctan2(_dot(c, y), _dot(c, a)), np.arctan2(_dot(d, y), _dot(d, a))
+        if _dot(normal, normals[j]) < 0.0:
+            low, high = high, low
+        high = low + (high - low) % (2 * np.pi)
+        n = _add(out, n, low, high, start, end)
+    return n
 
 
 @njit(cache=True)
 def _boundary(positions, triangles, edges, face_edges, runs, p, n):
-    relative = np.empty((len(positions), 3, 2))
-    directions = np.empty((len(positions), 3))
-    normals = np.empty((len(edges), 3))
-    turn = np.empty((len(triangles), 3))
-    middles = np.empty((len(edges), 3))
-    _look(positions, edges, p, relative, directions, normals, middles)
-    _turns(triangles, face_edges, runs, relative, normals, turn)
-    capacity = 8 + 4 * len(edges)
-    frames, ends, owner = np.empty((capacity, 3, 3)), np.empty((capacity, 2)), np.empty(capacity, np.int64)
-    n_pieces = _pieces(edges, directions, normals, n, frames, ends, owner)
-    tips = np.empty((n_pieces, 2, 3))
-    for i in range(n_pieces):
-        for j in range(2):
-            for k in range(3):
-                tips[i, j, k] = np.cos(ends[i, j]) * frames[i, 0, k] + np.sin(ends[i, j]) * frames[i, 1, k]
+    relative, directions = np.empty((len(positions), 3, 2)), np.empty((len(positions), 3))
+    exact_normals, normals = np.empty((len(edges), 3, 2)), np.empty((len(edges), 3))
+    seen, turn = np.empty(len(edges), np.bool_), np.empty((len(triangles), 3))
+    _look(positions, edges, p, relative, directions, exact_normals, normals, seen)
+    _turns(triangles, face_edges, runs, relative, seen, turn)
+    horizon = np.zeros((3, 2))
+    horizon[:, 0] = n
 
     height = np.empty(len(positions))
-    left, right = np.empty((len(triangles) + 4, 2)), np.empty((len(triangles) + 4, 2))
-    seen_left, seen_right = np.empty((len(triangles) + 8, 2)), np.empty((len(triangles) + 8, 2))
-    twice = np.empty((n_pieces, 2))
-    cuts = np.empty(4 * len(triangles) + 2 * n_pieces + 16)
-    x = np.empty(3)
-    room = 64
-    out, out_edges, n_out = np.empty((room, 9)), np.empty((room, 2), np.int32), 0
-    last_owner = -2
-    for i in range(n_pieces):
-        a, y, normal = frames[i, 0], frames[i, 1], frames[i, 2]
-        start, end, e = ends[i, 0], ends[i, 1], owner[i]
-        va, vb = (edges[e, 0], edges[e, 1]) if e >= 0 else (-1, -1)
-        whole = e < 0 or (start == 0.0 and (i + 1 == n_pieces or owner[i + 1] != e))
-        if e != last_owner:
-            for v in range(len(positions)):
-                height[v] = 0.0 if v == va or v == vb else _dot(normal, directions[v])
-            last_owner = e
+    left, right = np.empty((2 * len(triangles) + 4, 2)), np.empty((2 * len(triangles) + 4, 2))
+    open_left, open_right = np.empty((2 * len(triangles) + 8, 2)), np.empty((2 * len(triangles) + 8, 2))
+    twice = np.empty((2 * len(edges) + 2, 2))
+    cuts = np.empty(8 * len(triangles) + 4 * len(edges) + 32)
+    a, y, normal, cross = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 2))
+    room, n_out = 64, 0
+    out, out_edges = np.empty((room, 9)), np.empty((room, 2), np.int32)
+    for e in range(-1, len(edges)):
+        # The circle: the horizon, or an edge's.
         n_left = n_right = 0
+        va = vb = -1
         if e < 0:
+            circle = horizon
+            normal[:] = n
+            across = np.zeros(3)
+            across[np.argmin(np.abs(n))] = 1.0
+            _cross(n, across, a)
+            _normalise(a)
+            _cross(n, a, y)
+            start, end = -np.pi, np.pi
             right[0, 0], right[0, 1] = start, end
             n_right = 1
         else:
-            # Below the horizon.
-            h0, h1 = _dot(tips[i, 0], n), _dot(tips[i, 1], n)
-            if max(abs(h0), abs(h1)) < ALONG or (h0 <= 0.0 and h1 <= 0.0):
+            va, vb = edges[e, 0], edges[e, 1]
+            b = directions[vb]
+            if not seen[e] or (_dot(directions[va], n) < -FILTER and _dot(b, n) < -FILTER):
                 continue
-            if h0 < 0.0 or h1 < 0.0:
-                _cross(normal, n, x)
-                t = _where(x, a, y, start, end)
-                left[0, 0], left[0, 1] = (start, t) if h0 < 0.0 else (t, end)
-                right[0] = left[0]
-                n_left = n_right = 1
+            circle = exact_normals[e]
+            normal[:] = normals[e]
+            a[:] = directions[va]
+            _cross(normal, a, y)
+            _normalise(y)
+            start, end = 0.0, np.arctan2(_dot(b, y), _dot(b, a))
+            # What is below the horizon is hidden; an edge along it is the horizon's business.
+            low, cuts_it = _entry(circle, horizon, -1.0, a, y, cross)
+            if not cuts_it:
+                continue
+            n_left = _add(left, 0, low, low + np.pi, start, end)
+            n_right = _add(right, 0, low, low + np.pi, start, end)
+        for v in range(len(positions)):
+            height[v] = 0.0 if v == va or v == vb else _dot(normal, directions[v])
 
         # The ranges that faces hide.
         for f in range(len(triangles)):
             if turn[f, 0] == 0.0:
                 continue
             g0, g1, g2 = height[triangles[f, 0]], height[triangles[f, 1]], height[triangles[f, 2]]
-            if min(g0, g1, g2) > ALONG or max(g0, g1, g2) < -ALONG:
+            if min(g0, g1, g2) > FILTER or max(g0, g1, g2) < -FILTER:
                 continue
-            low, high = start, end
+            if e >= 0:
+                misses = False
+                for k in range(3):
+                    c, s = normals[face_edges[f, k]], turn[f, k]
+                    misses |= s * _dot(c, a) < -FILTER and s * _dot(c, b) < -FILTER
+                if misses:
+                    continue
+            low, high = 0.0, 7.0  # all of the circle
             hides_left = hides_right = True
             for k in range(3):
-                v, w = triangles[f, k], triangles[f, (k + 1) % 3]
                 other, s = face_edges[f, k], turn[f, k]
-                c = normals[other]
-                h0, h1 = s * _dot(c, tips[i, 0]), s * _dot(c, tips[i, 1])
-                # A corner that the two edges share is on both circles.
-                if (va == v or va == w) and start == 0.0:
-                    h0 = 0.0
-                if (vb == v or vb == w) and (whole or i + 1 == n_pieces or owner[i + 1] != e):
-                    h1 = 0.0
-                if (
-                    other == e
-                    or max(abs(h0), abs(h1)) < ALONG
-                    or (
-                        # Not its ends alone: those of an edge that all but passes through p are opposite.
-                        max(abs(height[v]), abs(height[w])) < ALONG
-                        and abs(_dot(normal, middles[other])) < ALONG
-                    )
-                ):
-                    if s * _dot(c, normal) > 0.0:
+                t, cuts_it = 0.0, False
+                if other != e:
+                    t, cuts_it = _entry(circle, exact_normals[other], s, a, y, cross)
+                if not cuts_it:
+                    # A hair to the left of the circle is inside, or a hair to the right.
+                    if s * _dot(normals[other], normal) > 0.0:
                         hides_right = False
                     else:
                         hides_left = False
-                    if not hides_left and not hides_right:
-                        break
-                    continue
-                if h0 >= 0.0 and h1 >= 0.0:
-                    continue
-                if h0 <= 0.0 and h1 <= 0.0:
-                    high = low
-                    break
-                # The same operations whichever of the two edges is cut by the other.
-                _cross(normal, c, x)
-                t = _where(x, a, y, start, end)
-                if h0 < 0.0:
-                    low = max(low, t)
+                elif high - low > 6.0:
+                    low, high = t, t + np.pi
                 else:
-                    high = min(high, t)
-                if low >= high:
-                    break
+                    t = _near(t + 0.5 * np.pi, 0.5 * (low + high)) - 0.5 * np.pi
+                    low, high = max(low, t), min(high, t + np.pi)
             if low < high:
                 if hides_left:
-                    left[n_left, 0], left[n_left, 1] = low, high
-                    n_left += 1
+                    n_left = _add(left, n_left, low, high, start, end)
                 if hides_right:
-                    right[n_right, 0], right[n_right, 1] = low, high
-                    n_right += 1
-        m_left = _visible(left, n_left, start, end, seen_left)
-        m_right = _visible(right, n_right, start, end, seen_right)
+                    n_right = _add(right, n_right, low, high, start, end)
+        m_left = _visible(left, n_left, start, end, open_left)
+        m_right = _visible(right, n_right, start, end, open_right)
         if m_left == 0 and m_right == 0:
             continue
+        n_twice = _along_earlier(
+            circle, normal, a, y, start, end, e, edges, directions, exact_normals, normals, seen, twice
+        )
 
-        # What lies on an earlier piece is its business.
-        n_twice = 0
-        for j in range(i):
-            if owner[j] == e:
-                continue
-            if not (
-                max(abs(_dot(normal, tips[j, 0])), abs(_dot(normal, tips[j, 1]))) < ALONG
-                or max(abs(_dot(frames[j, 2], tips[i, 0])), abs(_dot(frames[j, 2], tips[i, 1]))) < ALONG
-            ):
-                continue
-            middle = 0.5 * (start + end)
-            t0 = np.arctan2(_dot(tips[j, 0], y), _dot(tips[j, 0], a))
-            t1 = np.arctan2(_dot(tips[j, 1], y), _dot(tips[j, 1], a))
-            t0 -= 2 * np.pi * np.round((t0 - middle) / (2 * np.pi))
-            t1 -= 2 * np.pi * np.round((t1 - middle) / (2 * np.pi))
-            low, high = max(min(t0, t1), start), min(max(t0, t1), end)
-            if low < high and abs(t0 - t1) < 2 * LONGEST:
-                twice[n_twice, 0], twice[n_twice, 1] = low, high
-                n_twice += 1
-
+        # Visible on one side.
         m = 0
-        for ranges, count in ((seen_left, m_left), (seen_right, m_right), (twice, n_twice)):
+        for ranges, count in ((open_left, m_left), (open_right, m_right), (twice, n_twice)):
             for j in range(count):
                 cuts[m], cuts[m + 1] = ranges[j, 0], ranges[j, 1]
                 m += 2
         ordered = np.sort(cuts[:m])
-        before, begin = 0, 0.0
-        for j in range(m):
-            sign = 0
-            if j + 1 < m:
-                t = 0.5 * (ordered[j] + ordered[j + 1])
-                if not _inside(twice, n_twice, t):
-                    sign = int(_inside(seen_left, m_left, t)) - int(_inside(seen_right, m_right, t))
-                if ordered[j] == ordered[j + 1]:
-                    sign = before
-            if sign == before:
+        for j in range(m - 1):
+            t = 0.5 * (ordered[j] + ordered[j + 1])
+            if ordered[j] == ordered[j + 1] or _inside(twice, n_twice, t):
                 continue
-            if before != 0:
-                if n_out == room:
-                    room *= 2
-                    grown, grown_edges = np.empty((room, 9)), np.empty((room, 2), np.int32)
-                    grown[:n_out], grown_edges[:n_out] = out[:n_out], out_edges[:n_out]
-                    out, out_edges = grown, grown_edges
-                first, last = (begin, ordered[j]) if before > 0 else (ordered[j], begin)
+            side = int(_inside(open_left, m_left, t)) - int(_inside(open_right, m_right, t))
+            if side == 0:
+                continue
+            parts = int(np.ceil((ordered[j + 1] - ordered[j]) / LONGEST))
+            if n_out + parts > room:
+                room = 2 * (n_out + parts)
+                grown, grown_edges = np.empty((room, 9)), np.empty((room, 2), np.int32)
+                grown[:n_out], grown_edges[:n_out] = out[:n_out], out_edges[:n_out]
+                out, out_edges = grown, grown_edges
+            for i in range(parts):
+                first = ordered[j] + (ordered[j + 1] - ordered[j]) * (i / parts)
+                last = ordered[j] + (ordered[j + 1] - ordered[j]) * ((i + 1) / parts)
+                if side < 0:
+                    first, last = last, first
                 for k in range(3):
                     out[n_out, k] = np.cos(first) * a[k] + np.sin(first) * y[k]
                     out[n_out, 3 + k] = np.cos(last) * a[k] + np.sin(last) * y[k]
-                    out[n_out, 6 + k] = before * normal[k]
-                out_edges[n_out, 0], out_edges[n_out, 1] = (va, vb) if before > 0 else (vb, va)
+                    out[n_out, 6 + k] = side * normal[k]
+                out_edges[n_out, 0], out_edges[n_out, 1] = (va, vb) if side > 0 else (vb, va)
                 n_out += 1
-            before, begin = sign, ordered[j]
     return out[:n_out].copy(), out_edges[:n_out].copy()
 
 
@@ -568,7 +533,7 @@ def harmonics(w: np.ndarray, degree: int) -> np.ndarray:
 
 
 def _sh_of_visibility(arcs: Arcs, degree: int) -> np.ndarray:
-    """int V Y_lm dw: by the divergence theorem 1/(l (l + 1)) of the integral of N.grad Y_lm on the boundary."""
+    """int V Y_lm dw: 1/(l (l + 1)) of the integral of N.grad Y_lm along the boundary [divergence theorem]."""
     nodes, weights = np.polynomial.legendre.leggauss(degree + 12)  # arcs are at most pi / 2 long
     a, _, inner, angle, rows = _split(arcs)
     t = 0.5 * angle[:, None] * (1.0 + nodes)
