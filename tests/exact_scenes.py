@@ -190,12 +190,13 @@ def _zenith() -> ExactScene:
 
 def _rooms() -> list[ExactScene]:
     room = grid((0, 0, 0), (4, 0, 0), (0, 3, 0), 4, 3)
+    # All wound inwards, so that points in contact with two know on which side they are.
     walls = [
-        grid((0, 0, 0), (4, 0, 0), (0, 0, 2), 8, 4),
+        grid((0, 0, 0), (0, 0, 2), (4, 0, 0), 4, 8),
         grid((0, 3, 0), (4, 0, 0), (0, 0, 2), 4, 2),
         grid((0, 0, 0), (0, 3, 0), (0, 0, 2), 3, 2),
-        grid((4, 0, 0), (0, 3, 0), (0, 0, 2), 6, 1),
-        grid((0, 0, 2), (4, 0, 0), (0, 3, 0), 2, 6),
+        grid((4, 0, 0), (0, 0, 2), (0, 3, 0), 1, 6),
+        grid((0, 0, 2), (0, 3, 0), (4, 0, 0), 6, 2),
     ]
     # Its walls meet in T junctions: closed to the eye, open to topology.
     junctions = concatenate([room, *walls])
