@@ -1,0 +1,182 @@
+"""Exact derivatives of what the exact mode computes: by points, by normals, and by the mesh's vertices."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.core.arcs_types import Arcs
+from silint.core.integrands import arcs_gradient, arcs_sh_gradient
+from silint.scene import Scene
+from silint.sh import MAX_DEGREE
+from silint.validation import InputError, choice, finite_array, positive_int
+
+__all__ = ["QUANTITIES", "Gradient", "Integrand", "differentiate", "file_vertices", "integrand", "pull_back"]
+
+FloatArray = npt.NDArray[np.float64]
+
+QUANTITIES = ("ambient_occlusion", "bent_normals", "sh_transfer", "vector_irradiance")
+
+
+class Gradient(NamedTuple):
+    """A quantity at n points, and its derivatives by their positions and normals.
+
+    Shapes are those of scalar quantities; those with C components have them last: (n, C), (n, 3, C).
+    """
+
+    value: FloatArray  # (n,)
+    points: FloatArray  # (n, 3), per unit of length of the file
+    normals: FloatArray  # (n, 3), of the normal as it was passed, which is normalised first
+
+
+class Integrand(NamedTuple):
+    """What is differentiated; see `integrand`."""
+
+    quantity: str
+    weighting: str
+    max_degree: int
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Shape of a value: () or (C,)."""
+        if self.quantity == "sh_transfer":
+            return ((self.max_degree + 1) ** 2,)
+        return () if self.quantity == "ambient_occlusion" else (3,)
+
+    @property
+    def closed_form(self) -> int | None:
+        """The number that it has in `arcs_gradient`; None for SH, which `arcs_sh_gradient` does."""
+        if self.quantity == "ambient_occlusion":
+            return arcs_gradient.COSINE if self.weighting == "cosine" else arcs_gradient.UNIFORM
+        return {"vector_irradiance": arcs_gradient.VECTOR, "bent_normals": arcs_gradient.BENT}.get(
+            self.quantity
+        )
+
+
+def integrand(
+    quantity: str = "ambient_occlusion", weighting: str = "cosine", max_degree: int = 4
+) -> Integrand:
+    """What to differentiate, checked.
+
+    Parameters
+    ----------
+    quantity : {"ambient_occlusion", "bent_normals", "sh_transfer", "vector_irradiance"}
+        As the integrator's methods of these names; the last is int V w dw over the hemisphere of n.
+    weighting : {"cosine", "uniform"}
+        Of ambient occlusion and SH transfer; the others have none.
+    max_degree : int
+        Of SH transfer, 0 to 16.
+
+    Raises
+    ------
+    silint.InputError
+        Anything else.
+    """
+    choice(quantity, "quantity", QUANTITIES)
+    choice(weighting, "weighting", ("cosine", "uniform"))
+    if weighting != "cosine" and quantity in ("bent_normals", "vector_irradiance"):
+        raise InputError(f"weighting is {weighting!r}; {quantity} knows no weighting, leave it out")
+    return Integrand(quantity, weighting, positive_int(max_degree, "max_degree", 0, MAX_DEGREE))
+
+
+def differentiate(
+    arcs: Arcs, scene: Scene, what: Integrand, lengths: FloatArray | None = None
+) -> tuple[Gradient, int]:
+    """Values and derivatives at the points of arcs.
+
+    Parameters
+    ----------
+    arcs : Arcs
+        Those of the scene.
+    scene : Scene
+    what : Integrand
+    lengths : (n,) float64, optional
+        Of the normals as they were passed, which the arcs hold normalised; by default 1.
+
+    Returns
+    -------
+    gradient : Gradient
+    singular : int
+        Arcs whose edge passes through its point, where there is no derivative: they count as 0.
+
+    Notes
+    -----
+    The normal is a free vector that is normalised, so the derivative is perpendicular to it. The tiny lift
+    of a point off its surface counts as fixed.
+    """
+    vertices, factor = scene.topology.vertices, _per_unit(scene)
+    number = what.closed_form
+    if number is None:
+        found = arcs_sh_gradient.gradient(arcs, vertices, what.max_degree, what.weighting, factor)
+    else:
+        found = arcs_gradient.gradient(arcs, vertices, number, factor)
+    value, by_point, by_normal, singular = found
+    if lengths is not None:
+        by_normal /= lengths[:, None, None]
+    if what.components == ():
+        value, by_point, by_normal = value[:, 0], by_point[:, :, 0], by_normal[:, :, 0]
+    return Gradient(value, by_point, by_normal), singular
+
+
+def pull_back(arcs: Arcs, scene: Scene, what: Integrand, cotangents: npt.ArrayLike) -> tuple[FloatArray, int]:
+    """Derivative of sum(cotangents * values) by the scene's *welded* vertices.
+
+    Results for several groups of points may be added up; `file_vertices` then hands them to the file's.
+
+    Parameters
+    ----------
+    arcs, scene, what
+        As in `differentiate`.
+    cotangents : array_like, shape (n,) or (n, C)
+        Shaped as the values are.
+
+    Returns
+    -------
+    gradient : (welded vertices, 3) float64
+        The same bits for any number of threads: arcs are summed in the order of the points.
+    singular : int
+        See `differentiate`.
+
+    Raises
+    ------
+    silint.InputError
+        Cotangents of another shape, or not finite.
+    """
+    n = len(arcs.points)
+    rows = finite_array(
+        cotangents, "cotangents", [(n, *what.components)], "the derivative of a loss by each value"
+    ).reshape(n, -1)
+    vertices, factor, number = scene.topology.vertices, _per_unit(scene), what.closed_form
+    if number is None:
+        return arcs_sh_gradient.pullback(arcs, vertices, what.max_degree, what.weighting, factor, rows)
+    return arcs_gradient.pullback(arcs, vertices, number, factor, rows)
+
+
+def file_vertices(gradient: FloatArray, scene: Scene) -> FloatArray:
+    """A derivative by welded vertices as one by the file's vertices: (V, 3).
+
+    The file's vertices at one position move a corner of the surface together or tear it open. Only the first
+    has a derivative, g: each of k copies that faces use gets g / k. So whatever moves all copies alike (a
+    transform, a parameter, a step of gradient descent) gets the true derivative from the sum over vertices,
+    and copies with equal rows stay together. To take the step that a mesh without copies would take, multiply
+    each row by its number of copies.
+
+    Parameters
+    ----------
+    gradient : (welded vertices, 3) float64
+    scene : Scene
+    """
+    used = np.zeros(scene.n_vertices, bool)
+    used[scene.faces] = True
+    vertex_map = scene.welding.vertex_map
+    copies = np.bincount(vertex_map[used], minlength=len(gradient))
+    out = np.zeros((scene.n_vertices, 3))
+    out[used] = gradient[vertex_map[used]] / copies[vertex_map[used], None]
+    return out
+
+
+def _per_unit(scene: Scene) -> float:
+    """Scaled units in one of the file's."""
+    return float(np.ldexp(1.0, -scene.welding.exponent))
