@@ -29,8 +29,8 @@ Mesh = tuple[np.ndarray, np.ndarray]
 Formula = Callable[[np.ndarray, np.ndarray], Hidden]
 
 # Where a point touches surfaces, edges pass by it at 1e-11 or less of the scene, and the rounding of
-# coordinates is 1e-5 of that: what they hide of each other is known to a part of it only.
-CONTACT = 1e-6
+# coordinates is up to 1e-5 of that: as well as that is known what they hide of each other.
+CONTACT = 1e-5
 EXACT = 1e-10
 
 
@@ -468,3 +468,66 @@ def integer_boxes(draw: st.DrawFn) -> tuple[Mesh, np.ndarray, np.ndarray]:
     step = st.tuples(*[st.integers(-1, 1)] * 3).filter(any)
     normals = np.array(draw(st.lists(step, min_size=4, max_size=4)), np.float64)
     return boxes(corners, corners + sizes), points, normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+def reduced_scenes() -> list[ExactScene]:
+    """What once went wrong, as few triangles as show it; from random boxes with integer coordinates."""
+    rows = [
+        # An edge seen end on, along n: drawn as if it had a direction.
+        ("end on at the zenith", [[1, 3, 2], [1, 3, 5], [3, 3, 5]], [[0, 1, 2]], (1, 3, 0.5), (0, 0, 1)),
+        (
+            "end on at the zenith, 2",
+            [[-2, 4, 1], [-2, 4, 2], [0, 4, 2]],
+            [[0, 1, 2]],
+            (-2, 4, 0.5),
+            (0, 0, 1),
+        ),
+        (
+            "end on, a plane through n",
+            [[-1, -2, 0], [-1, 0, 0], [2, 0, 0]],
+            [[0, 1, 2]],
+            (3.5, 0, 0),
+            (-1, 0, 0),
+        ),
+        (
+            "end on, a plane through n, 2",
+            [[2, 1, -1], [2, 4, -1], [4, 4, -1]],
+            [[0, 1, 2]],
+            (-1.5, 4, -1),
+            (1, 0, 0),
+        ),
+        # An edge that points at p but for its lift, 1e-11 away: its direction is known to 1e-5 at best.
+        (
+            "nearly end on, a wall edge-on",
+            [[1, 2, -1], [1, 2, 2], [2, 2, -1], [2, 2, 2]],
+            [[0, 2, 3], [0, 3, 1]],
+            (1, 2, 4),
+            (-1, 0, -1),
+        ),
+        (
+            "nearly end on, before an edge in one plane",
+            [[1, 2, -1], [2, 2, -1], [2, 2, 2], [1, -1, 1], [1, 2, 1], [2, 2, 1]],
+            [[0, 1, 2], [3, 5, 4]],
+            (4, 2, 1),
+            (-1, -1, 1),
+        ),
+        (
+            "nearly end on, below the horizon too",
+            [[-1, -2, -1], [0, -2, -1], [0, 0, -1], [0, 0, 0], [0, -2, 2], [0, -2, 4], [0, 0, 4]],
+            [[1, 2, 3], [0, 2, 1], [4, 6, 5]],
+            (0, -2, -4),
+            (0, 1, 1),
+        ),
+        # Planes that agree to the lift: the crossing was found off both of them.
+        (
+            "a T junction in a plane through p",
+            boxes([(2, 1, 1), (1, -1, -1), (2, 1, -1)], [(5, 2, 4), (2, 2, 1), (3, 2, 0)]),
+            None,
+            (2.5, -1.5, -1),
+            (0, 1, 1),
+        ),
+    ]
+    found = []
+    for name, vertices, faces, p, n in rows:
+        found.append(scene(name, vertices if faces is None else (vertices, faces), [(p, n)]))
+    return found
