@@ -42,7 +42,7 @@ from tests.exact_scenes import (
 FORMULAS = closed_form_scenes()
 ORACLES = [*oracle_scenes(6), *reduced_scenes()]
 METHODS = getattr(integrator, "METHODS", ())
-needs_arcs = pytest.mark.skipif(not hasattr(silint.Visibility, "arcs"), reason="a Visibility has no arcs yet")
+
 needs_exact = pytest.mark.skipif("exact" not in METHODS, reason="the integrator has no exact mode yet")
 
 # A value is a sum of a few hundred arcs, each good to some 1e-16.
@@ -209,7 +209,7 @@ def test_the_oracle(s: ExactScene, query: str) -> None:
     np.testing.assert_allclose(found, integrate(of_oracle(s.name)), rtol=0, atol=tolerance)
 
 
-@needs_arcs
+@needs_exact
 @pytest.mark.parametrize("s", ORACLES, ids=lambda s: s.name)
 def test_arcs_of_a_visibility(s: ExactScene) -> None:
     """Closed, in the layout agreed, and by themselves enough for everything."""

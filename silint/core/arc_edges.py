@@ -80,7 +80,9 @@ def _project(lanes, frame, n):
         lanes[i + _U9], lanes[i + _U10], lanes[i + _U11] = s * at, s * am, s * aa
         s = 1.0 / np.sqrt(bt * bt + bm * bm + ba * ba)
         lanes[i + _U12], lanes[i + _U13], lanes[i + _U14] = s * bt, s * bm, s * ba
-        s = 1.0 / np.sqrt(nt * nt + nm * nm + turn * turn)
+        # An edge that points at p has no plane, and no length.
+        square = nt * nt + nm * nm + turn * turn
+        s = 1.0 / np.sqrt(square) if square > 0.0 else 0.0
         lanes[i + _U15], lanes[i + _U16], lanes[i + _U17] = s * nt, s * nm, s * turn
         s = -1.0 / turn
         lanes[i + _U18], lanes[i + _U19] = s * nt, s * nm

@@ -48,6 +48,8 @@ from silint.core.radial import azimuth
 _NEGATIVE = 1e-9
 # Sine of the angle between planes below which their intersection is looked for between events only.
 _PARALLEL = 1e-6
+# Edges with shorter chords are cut between their ends; others, which ends do not describe, by their planes.
+_SHORT = 1.0
 # Stretches of the horizon are cut into pieces of at most this azimuth.
 _HORIZON_PIECE = 1.4
 
@@ -76,7 +78,7 @@ class Sweep(NamedTuple):
     )  # (capacity,) float64: cot(theta) of each at the event, times its distance from the axis
     copy: np.ndarray  # (capacity,) int32: of the list, where edges cross
     pairs: np.ndarray  # (pairs, 2) int32: edges that cross, the upper one first
-    places: np.ndarray  # (pairs, 4) float64: azimuth and direction of their crossing
+    places: np.ndarray  # (pairs, 5) float64: azimuth and direction of their crossing, and the edge it is on
     arcs: np.ndarray  # (arcs, _N_ARC) float64
 
 
@@ -101,7 +103,7 @@ def new_sweep(capacity, pairs, arcs):
         np.empty(capacity),
         np.empty(capacity, np.int32),
         np.empty((pairs, 2), np.int32),
-        np.empty((pairs, 4)),
+        np.empty((pairs, 5)),
         np.empty((arcs, _N_ARC)),
     )
 
@@ -222,33 +224,73 @@ def _on_edge(e, t, m, edges):
 
 
 @njit(**INNER)
-def _crossing(e, f, key_0, key_1, t1, m1, edges):
-    """Where two edges cross between two events.
+def _chord(e, edges):
+    """Square of the chord from start to end of an edge."""
+    x, y = edges[e, START] - edges[e, END], edges[e, START + 1] - edges[e, END + 1]
+    z = edges[e, START + 2] - edges[e, END + 2]
+    return x * x + y * y + z * z
 
-    Returns azimuth, direction, and whether the direction is on both edges. Where their planes agree too well
-    for that, it is above the second event.
+
+@njit(**INNER)
+def _crossing(e, f, key_0, key_1, t, m, edges):
+    """Where two edges cross between two events, the second above (t, m).
+
+    The shorter edge is cut by the plane of the longer: a short edge's plane may be known to a few digits
+    only, its ends always are.
+
+    Returns
+    -------
+    key : float
+        Azimuth of the crossing.
+    x, y, z : float
+        Its direction.
+    exact : int
+        The edge that it lies on to rounding; it is that near to the other's plane.
     """
-    x = edges[e, NORMAL + 1] * edges[f, NORMAL + 2] - edges[e, NORMAL + 2] * edges[f, NORMAL + 1]
-    y = edges[e, NORMAL + 2] * edges[f, NORMAL] - edges[e, NORMAL] * edges[f, NORMAL + 2]
-    z = edges[e, NORMAL] * edges[f, NORMAL + 1] - edges[e, NORMAL + 1] * edges[f, NORMAL]
-    s = np.sqrt(x * x + y * y + z * z)
-    if s > 0.0:
-        along = (
-            x * (edges[e, START] + edges[e, END])
-            + y * (edges[e, START + 1] + edges[e, END + 1])
-            + z * (edges[e, START + 2] + edges[e, END + 2])
-        )
-        r = 1.0 / s if along > 0.0 else -1.0 / s
-        x, y, z = r * x, r * y, r * z
-        key = azimuth(x, y)
-        if s > _PARALLEL or key_0 <= key <= key_1:
-            return key, x, y, z, s > 1e-14
-    return key_1, t1, m1, 0.0, False
+    chord_e, chord_f = _chord(e, edges), _chord(f, edges)
+    g, h = (e, f) if chord_e <= chord_f else (f, e)
+    chord = np.sqrt(min(chord_e, chord_f))
+    a, b, c = edges[h, NORMAL], edges[h, NORMAL + 1], edges[h, NORMAL + 2]
+    sx, sy, sz = edges[g, START], edges[g, START + 1], edges[g, START + 2]
+    ex, ey, ez = edges[g, END], edges[g, END + 1], edges[g, END + 2]
+    start, end = a * sx + b * sy + c * sz, a * ex + b * ey + c * ez
+    if chord < _SHORT:
+        # Between the ends, even where rounding puts both on one side.
+        u, v = abs(end), abs(start)
+        if start * end >= 0.0:
+            u, v = (0.0, 1.0) if u < v else (1.0, 0.0)
+        x, y, z = u * sx + v * ex, u * sy + v * ey, u * sz + v * ez
+    else:
+        i, j, k = edges[g, NORMAL], edges[g, NORMAL + 1], edges[g, NORMAL + 2]
+        x, y, z = j * c - k * b, k * a - i * c, i * b - j * a
+        side = 1.0 if x * (sx + ex) + y * (sy + ey) + z * (sz + ez) > 0.0 else -1.0
+        x, y, z = side * x, side * y, side * z
+    square = x * x + y * y + z * z
+    s = 1.0 / np.sqrt(square) if square > 0.0 else 0.0
+    x, y, z = s * x, s * y, s * z
+    if chord >= _SHORT:
+        x, y, z = _onto(g, x, y, z, edges)
+    key = azimuth(x, y)
+    if not (abs(start - end) > _PARALLEL * chord or key_0 <= key <= key_1) or square == 0.0:
+        # Planes that agree say nothing; the second event does.
+        key, g = key_1, e
+        x, y, z = _on_edge(e, t, m, edges)
+    return key, x, y, z, g
+
+
+@njit(**INNER)
+def _onto(e, x, y, z, edges):
+    """The direction on the plane of edge e that is nearest to (x, y, z)."""
+    a, b, c = edges[e, NORMAL], edges[e, NORMAL + 1], edges[e, NORMAL + 2]
+    off = a * x + b * y + c * z
+    x, y, z = x - off * a, y - off * b, z - off * c
+    s = 1.0 / np.sqrt(x * x + y * y + z * z)
+    return s * x, s * y, s * z
 
 
 @njit(**INNER)
 def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
-    """The edges at i and i + 1 of the list trade places at (x, y, z), or where each of them is above it."""
+    """The edges at i and i + 1 of the list trade places at (x, y, z), which is exactly on one of them."""
     e, f = active[i], active[i + 1]
     w = above[i]
     gain_e, gain_f = state[e, GAIN], state[f, GAIN]
@@ -257,12 +299,10 @@ def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
     side_f, side_e = _visible_side(w, gain_f), _visible_side(w + gain_f, gain_e)
     if state[e, SIDE] == side_e and state[f, SIDE] == side_f:
         return n
-    if exact:
-        n = _show(e, side_e, x, y, z, edges, state, arcs, n)
-        return _show(f, side_f, x, y, z, edges, state, arcs, n)
-    ex, ey, ez = _on_edge(e, x, y, edges)
+    ox, oy, oz = _onto(f if exact == e else e, x, y, z, edges)
+    ex, ey, ez = (x, y, z) if exact == e else (ox, oy, oz)
+    fx, fy, fz = (ox, oy, oz) if exact == e else (x, y, z)
     n = _show(e, side_e, ex, ey, ez, edges, state, arcs, n)
-    fx, fy, fz = _on_edge(f, x, y, edges)
     return _show(f, side_f, fx, fy, fz, edges, state, arcs, n)
 
 
@@ -311,12 +351,12 @@ def _reorder(
         j = c
         e, f = pairs[c, 0], pairs[c, 1]
         while j > 0 and places[j - 1, 0] > key:
-            for r in range(4):
+            for r in range(5):
                 places[j, r] = places[j - 1, r]
             pairs[j, 0], pairs[j, 1] = pairs[j - 1, 0], pairs[j - 1, 1]
             j -= 1
         places[j, 0], places[j, 1], places[j, 2] = key, px, py
-        places[j, 3] = pz if exact else np.nan
+        places[j, 3], places[j, 4] = pz, exact
         pairs[j, 0], pairs[j, 1] = e, f
     left, first = crossings, 0
     while left > 0:
@@ -332,9 +372,19 @@ def _reorder(
                     break
             if active[i] != e or active[i + 1] != pairs[c, 1]:
                 continue
-            z = places[c, 3]
-            px, py = places[c, 1], places[c, 2]
-            n = _cross(i, px, py, z, z == z, active, above, edges, state, arcs, n)
+            n = _cross(
+                i,
+                places[c, 1],
+                places[c, 2],
+                places[c, 3],
+                int(places[c, 4]),
+                active,
+                above,
+                edges,
+                state,
+                arcs,
+                n,
+            )
             pairs[c, 0] = -1
             left -= 1
             done = True
