@@ -2,8 +2,8 @@
 
 A ring of corners spans a canopy over a square. What is wanted is the ambient occlusion of every point of the
 square, here that under a star. Every corner may move along all three axes. Values and derivatives are exact
-and free of noise, so a quasi-Newton method converges as if the scene were a formula: the star comes back from a
-circle to 1e-4.
+and free of noise, so a quasi-Newton method converges as if the scene were a formula: from a circle back to
+the star, to 1e-4.
 
     python examples/shade_by_descent.py --out docs/shade_by_descent.png
 """
