@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 import numpy.typing as npt
 
+from silint.core.arcs_types import Arcs
 from silint.core.bundles import build_edge_bundles
 from silint.core.contour import CONTOURS, CROSSINGS, EDGES, NODES, SNAPPED
 from silint.core.face_bundles import build_face_bundles
@@ -19,6 +20,7 @@ from silint.core.visible import (
     Bundles,
     VisibleIntervals,
     cover_visible,
+    find_arcs,
     find_radial,
     find_visible,
     prefers_cover,
@@ -206,6 +208,37 @@ class VisibleFinder:
                     progress(done, len(p))
                 size = _next_size(size, _PER_BLOCK, capacity, time.perf_counter() - began)
 
+    def arcs(
+        self, p: FloatArray, n: FloatArray, progress: Progress | None
+    ) -> Iterator[tuple[Arcs, npt.NDArray[np.bool_], dict[str, int], npt.NDArray[np.int64]]]:
+        """Boundary arcs of groups of points, whether they are certain, what was counted, and the rows."""
+        capacity, done = _PER_BLOCK * 256, 0
+        for points, normals, rows in self._in_tiles(p, n):
+            first, size = 0, 2 * _PER_BLOCK
+            while first < len(rows):
+                group = slice(first, min(first + size, len(rows)))
+                began = time.perf_counter()
+                with KERNEL_LOCK:
+                    found = find_arcs(
+                        self.geometry, self.bundles, points[group], normals[group], _PER_BLOCK, capacity
+                    )
+                if isinstance(found, int):
+                    capacity = found + found // 4
+                    size = _next_size(size, _PER_BLOCK, 5 * capacity, 1.0)
+                    continue
+                certain = found.frames > 0
+                totals = diagnose(None, len(certain), int((found.arcs.counts == 0).sum()), 0)
+                totals["exact_points"] = int(certain.sum())
+                totals["second_frames"] = int((found.frames == 2).sum())
+                totals["uncertified_points"] = int((~certain).sum())
+                count_work(totals, found.tally)
+                yield found.arcs, certain, totals, rows[group]
+                first = group.stop
+                done += group.stop - group.start
+                if progress is not None:
+                    progress(done, len(p))
+                size = _next_size(size, _PER_BLOCK, 5 * capacity, time.perf_counter() - began)
+
     def _in_tiles(
         self, p: FloatArray, n: FloatArray
     ) -> Iterator[tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]]:
@@ -232,6 +265,9 @@ def diagnose(found: VisibleIntervals | None, points: int, buried: int, isolines:
         "buried": buried,
         "swept_points": 0,
         "covered_points": 0,
+        "exact_points": 0,
+        "second_frames": 0,
+        "uncertified_points": 0,
         "fallback_isolines": 0 if found is None else found.covered,
         "snapped_sides": 0,
         "nodes_visited": 0,

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from silint.core.integrands import fractions, octahedral_sh, radial, radial_sh
-from silint.core.radial import RadialIntervals
+from silint.core.integrands import arcs as along_arcs
+from silint.core.integrands import arcs_sh, fractions, octahedral_sh, radial, radial_sh
 from silint.environment import Environment
+from silint.evaluate import MAX_ISOLINES, METHODS, Integrand, evaluate
 from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
-from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
+from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.plan import Plan
 from silint.scene import as_scene
 from silint.sh import MAX_DEGREE
@@ -20,32 +20,9 @@ from silint.validation import (
     InputError,
     choice,
     positive_int,
-    positive_number,
     unit_vector,
 )
-from silint.visibility import WEIGHTINGS, FloatArray, Result, Visibility, check_table, in_rows
-
-METHODS = ("auto", "octahedral", "radial")
-MAX_ISOLINES = 4096
-
-# Lines that a query with a tolerance starts with; doubled for the points that need it.
-_FIRST_ISOLINES = 32
-
-_MOST_STEPS = 12  # doublings, from any number of lines to MAX_ISOLINES at least
-
-# The error falls as lines ** -_RATE.
-_RATE = 1.5
-
-Found = tuple[FloatArray, FloatArray]  # value, error estimate
-
-
-class _Integrand(NamedTuple):
-    """Phase two of a query, for either family of isolines."""
-
-    shape: tuple[int, ...]
-    octahedral: Callable[[Visibility], Found]
-    radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
-    most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
+from silint.visibility import WEIGHTINGS, Visibility, in_rows
 
 
 class SilhouetteIntegrator:
@@ -74,6 +51,9 @@ class SilhouetteIntegrator:
         Which way they were served: by sweeping the depth count, or by covering lines with faces.
     fallback_isolines
         Isolines whose depth counts contradicted each other and that were computed again by covering.
+    exact_points, second_frames, uncertified_points
+        Points served by boundary arcs, those of them that took a second try, and points whose arcs
+        contradicted each other twice: 1024 radial isolines stand in for them, with their error estimate.
     snapped_sides
         Sides of contour edges' faces that rounding could not tell and a rule decided.
     edges_tested, nodes_visited, contour_edges, crossings
@@ -107,9 +87,11 @@ class SilhouetteIntegrator:
             isolines come in even numbers from 4 on, others are rounded up.
         weighting : {"cosine", "uniform"}
             (1/pi) int V max(n.w, 0) dw, or (1/2pi) int V dw over the hemisphere of n.
-        method : {"auto", "octahedral", "radial"}
+        method : {"auto", "octahedral", "radial", "exact"}
             The family of isolines: half-planes through each point's own normal are cheaper, those of the
-            global octahedral map serve any function of direction. "auto" takes radial ones.
+            global octahedral map serve any function of direction. "auto" takes radial ones. "exact" takes no
+            lines at all: it integrates along the arcs that bound what is visible, right to rounding, in about
+            the time of 500 to 1000 lines.
         tolerance : float, optional
             In place of isolines: take as many as each point needs for its own error estimate to be below
             this. Points that 4096 do not bring there are counted as ``above_tolerance``.
@@ -129,12 +111,13 @@ class SilhouetteIntegrator:
         """
         choice(weighting, "weighting", WEIGHTINGS)
 
-        integrand = _Integrand(
+        integrand = Integrand(
             (),
             lambda v: fractions.hemisphere_fraction(
                 v.normals, (v.offsets, v.intervals), v.isolines, weighting
             ),
             lambda v: radial.hemisphere_fraction(v, weighting),
+            lambda a: along_arcs.hemisphere_fraction(a, weighting),
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
@@ -164,10 +147,11 @@ class SilhouetteIntegrator:
         """
         axis = unit_vector(up, "up")
 
-        integrand = _Integrand(
+        integrand = Integrand(
             (),
             lambda v: fractions.sky_view_factor(v.normals, (v.offsets, v.intervals), v.isolines, axis),
             lambda v: radial.sky_view_factor(v, axis),
+            lambda a: along_arcs.sky_view_factor(a, axis),
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
@@ -189,10 +173,11 @@ class SilhouetteIntegrator:
         -------
         (n, 3) float64, or Result
         """
-        integrand = _Integrand(
+        integrand = Integrand(
             (3,),
             lambda v: fractions.bent_normal(v.normals, (v.offsets, v.intervals), v.isolines),
             radial.bent_normal,
+            along_arcs.bent_normal,
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
@@ -228,12 +213,13 @@ class SilhouetteIntegrator:
         """
         choice(weighting, "weighting", WEIGHTINGS)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-        integrand = _Integrand(
+        integrand = Integrand(
             ((degree + 1) ** 2,),
             lambda v: octahedral_sh.sh_transfer(
                 v.normals, (v.offsets, v.intervals), v.isolines, degree, weighting
             ),
             lambda v: radial_sh.sh_transfer(v, degree, weighting),
+            lambda a: arcs_sh.sh_transfer(a, degree, weighting),
             min(octahedral_sh.most_isolines(degree, weighting), MAX_ISOLINES),
         )
         return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
@@ -275,7 +261,7 @@ class SilhouetteIntegrator:
         most = min(environment.most_isolines, MAX_ISOLINES)
         if tolerance is None:
             positive_int(64 if isolines is None else isolines, "isolines", 1, most)
-        integrand = _Integrand((3,), lambda v: v._irradiance(environment), None, most)
+        integrand = Integrand((3,), lambda v: v._irradiance(environment), None, None, most)
         return self._integrate(
             integrand, points, normals, isolines, "octahedral", tolerance, full_output, progress
         )
@@ -348,112 +334,11 @@ class SilhouetteIntegrator:
         """Bytes of topology and hierarchies, by part."""
         return memory(self._finder)
 
+    def _integrate(self, integrand: Integrand, *request: Any) -> Any:
+        return evaluate(self._finder, integrand, *request)
+
     def __repr__(self) -> str:
         return f"<silint.SilhouetteIntegrator of {self.scene!r}>"
-
-    # ------------------------------------------------------------------ how
-
-    def _integrate(
-        self,
-        integrand: _Integrand,
-        points: npt.ArrayLike,
-        normals: npt.ArrayLike,
-        isolines: int | None,
-        method: str,
-        tolerance: float | None,
-        full_output: bool,
-        progress: Progress | None,
-    ) -> Any:
-        """Both phases, group by group, so that memory does not grow with the points."""
-        choice(method, "method", METHODS)
-        if tolerance is None:
-            lines = positive_int(64 if isolines is None else isolines, "isolines", 1, MAX_ISOLINES)
-            if method == "octahedral":
-                check_table(lines, integrand.most_octahedral)
-        elif isolines is None:
-            tolerance, lines = positive_number(tolerance, "tolerance"), _FIRST_ISOLINES
-        else:
-            raise InputError("isolines and tolerance given; a tolerance takes as many isolines as it needs")
-        n_points, chunks = self._finder.shade_point_chunks(points, normals)
-        value, estimate = np.empty((n_points, *integrand.shape)), np.empty(n_points)
-        totals = diagnose(None, 0, 0, 0)
-        if tolerance is not None:
-            totals["above_tolerance"] = 0
-        for chunk, p, n in chunks:
-            report = _part_of(progress, chunk, n_points)
-            part = value[chunk], estimate[chunk]
-            if tolerance is None:
-                self._run(integrand, method, p, n, np.arange(len(p)), lines, *part, totals, report)
-            else:
-                self._refine(integrand, method, p, n, tolerance, *part, totals, report)
-        return Result(value, estimate, totals) if full_output else value
-
-    def _refine(
-        self,
-        integrand: _Integrand,
-        method: str,
-        p: FloatArray,
-        n: FloatArray,
-        tolerance: float,
-        value: FloatArray,
-        estimate: FloatArray,
-        totals: dict[str, int],
-        progress: Progress | None,
-    ) -> None:
-        """Double the lines of every point, more than once where its estimate asks for it, until it is met."""
-        most = integrand.most_octahedral if method == "octahedral" else MAX_ISOLINES
-        lines = np.full(len(p), _FIRST_ISOLINES)
-        k = _FIRST_ISOLINES
-        while k <= most:
-            rows = np.flatnonzero(lines == k)
-            if len(rows):
-                counts = diagnose(None, 0, 0, 0)
-                # Progress is that of the first pass; what a few points need beyond it is not known.
-                report = progress if k == _FIRST_ISOLINES else None
-                self._run(integrand, method, p[rows], n[rows], rows, k, value, estimate, counts, report)
-                above = rows[estimate[rows] > tolerance]
-                steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1, _MOST_STEPS)
-                lines[above] = k * 2 ** steps.astype(int)
-                if k < most:
-                    lines[above] = np.minimum(lines[above], most)
-                if k > _FIRST_ISOLINES:
-                    counts["points"] = 0  # counted once
-                add_counts(totals, counts)
-            k *= 2
-        totals["above_tolerance"] += int((lines > most).sum())
-
-    def _run(
-        self,
-        integrand: _Integrand,
-        method: str,
-        p: FloatArray,
-        n: FloatArray,
-        rows: npt.NDArray[Any],
-        isolines: int,
-        value: FloatArray,
-        estimate: FloatArray,
-        totals: dict[str, int],
-        progress: Progress | None,
-    ) -> None:
-        """Write value and estimate of some rows, and add what was counted."""
-        if method == "octahedral" or integrand.radial is None:
-            for visible, part in self._finder.octahedral(p, n, max(isolines, 2), progress):
-                with KERNEL_LOCK:
-                    value[rows[part]], estimate[rows[part]] = integrand.octahedral(visible)
-                add_counts(totals, visible.diagnostics)
-            return
-        even = max(isolines + isolines % 2, 4)
-        for found, counts, group in self._finder.radial(p, n, even, progress):
-            with KERNEL_LOCK:
-                value[rows[group]], estimate[rows[group]] = integrand.radial(found)
-            add_counts(totals, counts)
-
-
-def _part_of(progress: Progress | None, chunk: slice, total: int) -> Progress | None:
-    """Progress of a chunk as that of all points."""
-    if progress is None:
-        return None
-    return lambda done, _: progress(chunk.start + done, total)
 
 
 def _at_least_two(isolines: int) -> int:

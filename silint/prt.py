@@ -262,7 +262,7 @@ def prt_file(
 
 
 def _check_options(max_degree: int, per: str, isolines: int, weighting: str, method: str) -> None:
-    from silint.integrator import MAX_ISOLINES, METHODS
+    from silint.evaluate import MAX_ISOLINES, METHODS
 
     positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
     choice(per, "per", PER)

@@ -13,7 +13,8 @@ from numba import njit, prange
 
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, turns_left
-from silint.core.arrangement import new_sweep, sweep_arcs
+from silint.core.arrangement import new_sweep, place_arcs, sweep_arcs
+from silint.core.buffers import grow_rows
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
@@ -90,7 +91,7 @@ def _passes_start(vertices, a, b, p, n, frame):
 
 
 @njit(**INNER)
-def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts, starts, sound, tally):
+def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts, starts, frames, tally):
     """Arcs of the points [first, last), tile by tile, in one list."""
     frame = np.empty((3, 3))
     tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
@@ -99,9 +100,9 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
     stack, face_ids = np.empty((256, 2), np.int64), np.empty(64, np.int32)
     lanes = np.empty(N_LANE_FIELDS * WIDTH)
     # Not literals, for which everything would be compiled again.
-    capacity, n_pairs, n_found = np.int64(1024), np.int64(64), np.int64(0)
+    capacity, n_pairs, n_arcs, n_found = np.int64(1024), np.int64(64), np.int64(2048), np.int64(0)
     contours = np.empty((capacity, 3), np.int32)
-    sweep = new_sweep(capacity, n_pairs)
+    sweep = new_sweep(capacity, n_pairs, n_arcs)
     directions, ids = np.empty((8192, 9)), np.empty((8192, 2), np.int32)
 
     for tile_first in range(first, last, TILE):
@@ -122,9 +123,9 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
             rounding = side_rounding(p)
             edge_ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
             if ends[i - tile_first, 2] > capacity:
-                capacity = 2 * ends[i - tile_first, 2]
+                capacity, n_arcs = 2 * ends[i - tile_first, 2], np.int64(len(sweep.arcs))
                 contours = np.empty((capacity, 3), np.int32)
-                sweep = new_sweep(capacity, n_pairs)
+                sweep = new_sweep(capacity, n_pairs, n_arcs)
             n_edges = np.int64(0)
             for which in range(2):
                 tree = trees[which]
@@ -147,7 +148,6 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                 )
             tally[i, CONTOURS] += n_edges
             set_frame(n, frame)
-            starts[i] = n_found
             attempt = 0
             while True:
                 set_axis(
@@ -180,36 +180,25 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                     sweep.code,
                     sweep.tie,
                 )
-                end, is_sound = sweep_arcs(
-                    sweep,
-                    n_edges,
-                    len(geometry.vertices),
-                    w,
-                    in_frame(n[0], n[1], n[2], frame),
-                    frame,
-                    directions,
-                    ids,
-                    n_found,
-                )
-                if is_sound < 0:
-                    n_pairs *= 4
-                    sweep = new_sweep(capacity, n_pairs)
-                elif end > len(directions):
-                    more = 2 * end
-                    longer, longer_ids = np.empty((more, 9)), np.empty((more, 2), np.int32)
-                    for j in range(n_found):
-                        for k in range(9):
-                            longer[j, k] = directions[j, k]
-                        longer_ids[j, 0], longer_ids[j, 1] = ids[j, 0], ids[j, 1]
-                    directions, ids = longer, longer_ids
+                seen = in_frame(n[0], n[1], n[2], frame)
+                n_arcs, is_sound, crossings = sweep_arcs(sweep, n_edges, len(geometry.vertices), w, seen)
+                if is_sound < 0 or n_arcs > len(sweep.arcs):
+                    # Once more, with more room.
+                    n_pairs = 4 * n_pairs if is_sound < 0 else n_pairs
+                    sweep = new_sweep(capacity, n_pairs, max(2 * n_arcs, len(sweep.arcs)))
                 elif is_sound == 0 and attempt == 0:
                     attempt = 1
                     _turn_frame(frame)
                 else:
-                    sound[i] = 0 if is_sound == 0 else (2 if attempt > 0 else 1)
-                    counts[i] = end - n_found
-                    n_found = end
                     break
+            frames[i] = 0 if is_sound == 0 else 1 + attempt
+            tally[i, CROSSINGS] += crossings
+            if n_found + n_arcs > len(directions):
+                directions = grow_rows(directions, 2 * (n_found + n_arcs))
+                ids = grow_rows(ids, 2 * (n_found + n_arcs))
+            place_arcs(sweep.arcs, n_arcs, sweep.edges, sweep.state, seen, frame, directions, ids, n_found)
+            counts[i], starts[i] = n_arcs, n_found
+            n_found += n_arcs
     return directions, ids, n_found
 
 
@@ -225,7 +214,7 @@ def boundary_arcs(
     per_block,
     counts,
     starts,
-    sound,
+    frames,
     directions,
     edges,
     needed,
@@ -247,8 +236,8 @@ def boundary_arcs(
         Points of a block, a multiple of TILE.
     counts, starts : (n,) int64, out
         Arcs of each point, and the first row of them within its block.
-    sound : (n,) int8, out
-        1, 2 where it took the second frame, 0 where both failed.
+    frames : (n,) int8, out
+        1, 2 where the first contradicted itself, 0 where the second did too.
     directions, edges : (blocks, capacity, 9) float64, (blocks, capacity, 2) int32, out
         See Arcs; tightly packed within a block.
     needed : (blocks,) int64, out
@@ -273,7 +262,7 @@ def boundary_arcs(
             last,
             counts,
             starts,
-            sound,
+            frames,
             tally,
         )
         needed[block] = n_found

@@ -51,6 +51,9 @@ _PARALLEL = 1e-6
 # Stretches of the horizon are cut into pieces of at most this azimuth.
 _HORIZON_PIECE = 1.4
 
+# An arc as it is found: from and to, in the frame; its edge, -1 for the horizon; and its visible side.
+_FROM, _TO, _EDGE, _ON, _N_ARC = 0, 3, 6, 7, 8
+
 
 class Sweep(NamedTuple):
     """Scratch of the sweep, with room for so many edges at once."""
@@ -66,14 +69,19 @@ class Sweep(NamedTuple):
     bins: np.ndarray  # (2 capacity + 2,) int32
     active: np.ndarray  # (capacity,) int32: edges under the half-plane, from the axis down
     above: np.ndarray  # (capacity,) int32: W above each
-    circle: np.ndarray  # (5, capacity) float64: along, across, low, high and value of each
+    along: np.ndarray  # (capacity,) float64: of each, side by side for vector code
+    across: np.ndarray
+    value: (
+        np.ndarray
+    )  # (capacity,) float64: cot(theta) of each at the event, times its distance from the axis
     copy: np.ndarray  # (capacity,) int32: of the list, where edges cross
     pairs: np.ndarray  # (pairs, 2) int32: edges that cross, the upper one first
     places: np.ndarray  # (pairs, 4) float64: azimuth and direction of their crossing
+    arcs: np.ndarray  # (arcs, _N_ARC) float64
 
 
 @njit(**INNER)
-def new_sweep(capacity, pairs):
+def new_sweep(capacity, pairs, arcs):
     """Room for so many edges above the horizon, and so many crossings between two events."""
     events = 2 * capacity
     return Sweep(
@@ -88,10 +96,13 @@ def new_sweep(capacity, pairs):
         np.empty(events + 2, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
-        np.empty((5, capacity)),
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity),
         np.empty(capacity, np.int32),
         np.empty((pairs, 2), np.int32),
         np.empty((pairs, 4)),
+        np.empty((arcs, _N_ARC)),
     )
 
 
@@ -122,52 +133,47 @@ def _sort_events(sweep, n):
 
 
 @njit(**INNER)
-def _emit(side, ax, ay, az, bx, by, bz, nx, ny, nz, v_from, v_to, frame, directions, ids, n):
-    """Append the arc from a to b of the frame, with its visible side on the left if `side` is 1.
+def _show(e, side, x, y, z, edges, state, arcs, n):
+    """From (x, y, z) on, the visible region is on this side of edge e: ends its arc, begins another.
 
     Where there is no room, arcs are only counted.
     """
-    if ax == bx and ay == by and az == bz:
-        return n
-    if n < len(directions):
-        a, b = (0, 3) if side > 0 else (3, 0)
-        for i in range(3):
-            f, g, h = frame[0, i], frame[1, i], frame[2, i]
-            directions[n, a + i] = f * ax + g * ay + h * az
-            directions[n, b + i] = f * bx + g * by + h * bz
-            directions[n, 6 + i] = side * (f * nx + g * ny + h * nz)
-        ids[n, 0], ids[n, 1] = (v_from, v_to) if side > 0 else (v_to, v_from)
-    return n + 1
+    # Without a branch: Numba would count references to the arrays wherever one leaves the function.
+    old = state[e, SIDE]
+    row = min(n, len(arcs) - 1)
+    ox, oy, oz = edges[e, OPEN], edges[e, OPEN + 1], edges[e, OPEN + 2]
+    arcs[row, _FROM], arcs[row, _FROM + 1], arcs[row, _FROM + 2] = ox, oy, oz
+    arcs[row, _TO], arcs[row, _TO + 1], arcs[row, _TO + 2] = x, y, z
+    arcs[row, _EDGE], arcs[row, _ON] = e, old
+    turns = old != side
+    state[e, SIDE] = side
+    edges[e, OPEN] = x if turns else ox
+    edges[e, OPEN + 1] = y if turns else oy
+    edges[e, OPEN + 2] = z if turns else oz
+    return n + int(turns & (old != 0) & ((x != ox) | (y != oy) | (z != oz)))
 
 
 @njit(**INNER)
-def _show(e, side, x, y, z, edges, state, frame, directions, ids, n):
-    """From (x, y, z) on, the visible region is on this side of edge e: ends its arc, begins another."""
-    old = state[e, SIDE]
-    if old == side:
-        return n
-    if old != 0:
-        n = _emit(
-            old,
-            edges[e, OPEN],
-            edges[e, OPEN + 1],
-            edges[e, OPEN + 2],
-            x,
-            y,
-            z,
-            edges[e, NORMAL],
-            edges[e, NORMAL + 1],
-            edges[e, NORMAL + 2],
-            state[e, FROM],
-            state[e, TO],
-            frame,
-            directions,
-            ids,
-            n,
-        )
-    state[e, SIDE] = side
-    edges[e, OPEN], edges[e, OPEN + 1], edges[e, OPEN + 2] = x, y, z
-    return n
+def place_arcs(arcs, n_arcs, edges, state, normal, frame, directions, ids, first):
+    """Write arcs to rows from `first` on, in world axes and with the visible side on the left."""
+    for i in range(n_arcs):
+        row = first + i
+        e, side = int(arcs[i, _EDGE]), arcs[i, _ON]
+        if e < 0:
+            x, y, z = normal
+            ids[row, 0], ids[row, 1] = -1, -1
+        else:
+            x, y, z = side * edges[e, NORMAL], side * edges[e, NORMAL + 1], side * edges[e, NORMAL + 2]
+            ids[row, 0], ids[row, 1] = (
+                state[e, FROM if side > 0.0 else TO],
+                state[e, TO if side > 0.0 else FROM],
+            )
+        a, b = (_FROM, _TO) if side > 0.0 else (_TO, _FROM)
+        for k in range(3):
+            f, g, h = frame[0, k], frame[1, k], frame[2, k]
+            directions[row, k] = f * arcs[i, a] + g * arcs[i, a + 1] + h * arcs[i, a + 2]
+            directions[row, 3 + k] = f * arcs[i, b] + g * arcs[i, b + 1] + h * arcs[i, b + 2]
+            directions[row, 6 + k] = f * x + g * y + h * z
 
 
 @njit(**INNER)
@@ -176,19 +182,23 @@ def _visible_side(above, gain):
 
 
 @njit(**INNER)
-def _show_horizon(key_a, key_b, t, m, u, v, normal, frame, directions, ids, n):
+def _show_horizon(key_a, key_b, t, m, u, v, normal, arcs, n):
     """Append the visible horizon between two azimuths, from above (t, m) to above (u, v), in pieces."""
     pieces = int((key_b - key_a) / _HORIZON_PIECE) + 1
     ax, ay, az = _on_horizon(t, m, normal)
     for i in range(1, pieces + 1):
         if i < pieces:
             phi = key_a + i * (key_b - key_a) / pieces
-            bx, by, bz = _on_horizon(np.cos(phi), np.sin(phi), normal)
+            u_i, v_i = np.cos(phi), np.sin(phi)
         else:
-            bx, by, bz = _on_horizon(u, v, normal)
-        n = _emit(
-            1, ax, ay, az, bx, by, bz, normal[0], normal[1], normal[2], -1, -1, frame, directions, ids, n
-        )
+            u_i, v_i = u, v
+        bx, by, bz = _on_horizon(u_i, v_i, normal)
+        if ax != bx or ay != by or az != bz:
+            if n < len(arcs):
+                arcs[n, _FROM], arcs[n, _FROM + 1], arcs[n, _FROM + 2] = ax, ay, az
+                arcs[n, _TO], arcs[n, _TO + 1], arcs[n, _TO + 2] = bx, by, bz
+                arcs[n, _EDGE], arcs[n, _ON] = -1.0, 1.0
+            n += 1
         ax, ay, az = bx, by, bz
     return n
 
@@ -212,10 +222,11 @@ def _on_edge(e, t, m, edges):
 
 
 @njit(**INNER)
-def _crossing(e, f, key_0, key_1, t0, m0, t1, m1, edges):
-    """Azimuth and direction of the crossing of two edges between two events; (0, ...) for it where planes agree.
+def _crossing(e, f, key_0, key_1, t1, m1, edges):
+    """Where two edges cross between two events.
 
-    Returns azimuth, direction, and whether the direction is on both edges.
+    Returns azimuth, direction, and whether the direction is on both edges. Where their planes agree too well
+    for that, it is above the second event.
     """
     x = edges[e, NORMAL + 1] * edges[f, NORMAL + 2] - edges[e, NORMAL + 2] * edges[f, NORMAL + 1]
     y = edges[e, NORMAL + 2] * edges[f, NORMAL] - edges[e, NORMAL] * edges[f, NORMAL + 2]
@@ -236,9 +247,8 @@ def _crossing(e, f, key_0, key_1, t0, m0, t1, m1, edges):
 
 
 @njit(**INNER)
-def _cross(i, key, x, y, z, exact, sweep, frame, directions, ids, n):
+def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
     """The edges at i and i + 1 of the list trade places at (x, y, z), or where each of them is above it."""
-    active, above, edges, state = sweep.active, sweep.above, sweep.edges, sweep.state
     e, f = active[i], active[i + 1]
     w = above[i]
     gain_e, gain_f = state[e, GAIN], state[f, GAIN]
@@ -248,44 +258,56 @@ def _cross(i, key, x, y, z, exact, sweep, frame, directions, ids, n):
     if state[e, SIDE] == side_e and state[f, SIDE] == side_f:
         return n
     if exact:
-        n = _show(e, side_e, x, y, z, edges, state, frame, directions, ids, n)
-        return _show(f, side_f, x, y, z, edges, state, frame, directions, ids, n)
+        n = _show(e, side_e, x, y, z, edges, state, arcs, n)
+        return _show(f, side_f, x, y, z, edges, state, arcs, n)
     ex, ey, ez = _on_edge(e, x, y, edges)
-    n = _show(e, side_e, ex, ey, ez, edges, state, frame, directions, ids, n)
+    n = _show(e, side_e, ex, ey, ez, edges, state, arcs, n)
     fx, fy, fz = _on_edge(f, x, y, edges)
-    return _show(f, side_f, fx, fy, fz, edges, state, frame, directions, ids, n)
+    return _show(f, side_f, fx, fy, fz, edges, state, arcs, n)
 
 
 @njit(**INNER)
-def _swap_rows(circle, i, j):
-    for r in range(5):
-        circle[r, i], circle[r, j] = circle[r, j], circle[r, i]
-
-
-@njit(**INNER)
-def _reorder(n_active, key_0, key_1, t0, m0, t1, m1, sweep, frame, directions, ids, n):
+def _reorder(
+    n_active,
+    key_0,
+    key_1,
+    x,
+    y,
+    active,
+    above,
+    value,
+    along,
+    across,
+    copy,
+    pairs,
+    places,
+    edges,
+    state,
+    arcs,
+    n,
+):
     """Sort the list by falling value; pairs that trade places have crossed since the last event.
 
     Returns the number of arcs, and of crossings; -1 crossings where there is no room for them.
     """
-    active, circle, edges = sweep.active, sweep.circle, sweep.edges
-    copy, pairs, places = sweep.copy, sweep.pairs, sweep.places
     for i in range(n_active):
         copy[i] = active[i]
     crossings = 0
     for i in range(1, n_active):
         j = i
-        while j > 0 and circle[4, j - 1] < circle[4, j]:
+        while j > 0 and value[j - 1] < value[j]:
             if crossings == len(pairs):
                 return n, -1
             pairs[crossings, 0], pairs[crossings, 1] = copy[j - 1], copy[j]
             crossings += 1
             copy[j - 1], copy[j] = copy[j], copy[j - 1]
-            _swap_rows(circle, j - 1, j)
+            value[j - 1], value[j] = value[j], value[j - 1]
+            along[j - 1], along[j] = along[j], along[j - 1]
+            across[j - 1], across[j] = across[j], across[j - 1]
             j -= 1
     # Nearest first; of those, what are neighbours at the time. There always are some, so all pairs get done.
     for c in range(crossings):
-        key, x, y, z, exact = _crossing(pairs[c, 0], pairs[c, 1], key_0, key_1, t0, m0, t1, m1, edges)
+        key, px, py, pz, exact = _crossing(pairs[c, 0], pairs[c, 1], key_0, key_1, x, y, edges)
         j = c
         e, f = pairs[c, 0], pairs[c, 1]
         while j > 0 and places[j - 1, 0] > key:
@@ -293,8 +315,8 @@ def _reorder(n_active, key_0, key_1, t0, m0, t1, m1, sweep, frame, directions, i
                 places[j, r] = places[j - 1, r]
             pairs[j, 0], pairs[j, 1] = pairs[j - 1, 0], pairs[j - 1, 1]
             j -= 1
-        places[j, 0], places[j, 1], places[j, 2] = key, x, y
-        places[j, 3] = z if exact else np.nan
+        places[j, 0], places[j, 1], places[j, 2] = key, px, py
+        places[j, 3] = pz if exact else np.nan
         pairs[j, 0], pairs[j, 1] = e, f
     left, first = crossings, 0
     while left > 0:
@@ -311,9 +333,8 @@ def _reorder(n_active, key_0, key_1, t0, m0, t1, m1, sweep, frame, directions, i
             if active[i] != e or active[i + 1] != pairs[c, 1]:
                 continue
             z = places[c, 3]
-            n = _cross(
-                i, places[c, 0], places[c, 1], places[c, 2], z, z == z, sweep, frame, directions, ids, n
-            )
+            px, py = places[c, 1], places[c, 2]
+            n = _cross(i, px, py, z, z == z, active, above, edges, state, arcs, n)
             pairs[c, 0] = -1
             left -= 1
             done = True
@@ -324,36 +345,19 @@ def _reorder(n_active, key_0, key_1, t0, m0, t1, m1, sweep, frame, directions, i
 
 
 @njit(**INNER)
-def _close_list(n_active, w, key_0, t0, m0, sweep, frame, directions, ids, n):
-    """The end of the turn: arcs that go on are cut where it began."""
-    for i in range(n_active):
-        e = sweep.active[i]
-        x, y, z = _on_edge(e, 1.0, 0.0, sweep.edges)
-        n = _show(e, 0, x, y, z, sweep.edges, sweep.state, frame, directions, ids, n)
-    return n
-
-
-@njit(**INNER)
-def _insert(e, position, n_active, value, sweep):
+def _insert(e, place, n_active, active, above, value, along, across, edges):
     """Put edge e into the list."""
-    active, above, circle, edges = sweep.active, sweep.above, sweep.circle, sweep.edges
-    for k in range(n_active, position, -1):
-        active[k], above[k] = active[k - 1], above[k - 1]
-        for r in range(5):
-            circle[r, k] = circle[r, k - 1]
-    active[position] = e
-    circle[0, position], circle[1, position] = edges[e, ALONG], edges[e, ACROSS]
-    circle[2, position], circle[3, position] = edges[e, LOW], edges[e, HIGH]
-    circle[4, position] = value
+    for k in range(n_active, place, -1):
+        active[k], above[k], value[k] = active[k - 1], above[k - 1], value[k - 1]
+        along[k], across[k] = along[k - 1], across[k - 1]
+    active[place], along[place], across[place] = e, edges[e, ALONG], edges[e, ACROSS]
 
 
 @njit(**INNER)
-def _remove(position, n_active, sweep):
-    active, above, circle = sweep.active, sweep.above, sweep.circle
-    for k in range(position, n_active - 1):
-        active[k], above[k] = active[k + 1], above[k + 1]
-        for r in range(5):
-            circle[r, k] = circle[r, k + 1]
+def _remove(place, n_active, active, above, value, along, across):
+    for k in range(place, n_active - 1):
+        active[k], above[k], value[k] = active[k + 1], above[k + 1], value[k + 1]
+        along[k], across[k] = along[k + 1], across[k + 1]
 
 
 @njit(**INNER)
@@ -372,35 +376,39 @@ def _slope(e, x, y, edges):
 
 
 @njit(**INNER)
-def _evaluate(circle, n_active, x, y, r):
-    """Values of the list above (x, y), and whether they no longer fall."""
-    for k in range(n_active):
-        v = circle[0, k] * x + circle[1, k] * y
-        low, high = circle[2, k] * r, circle[3, k] * r
-        v = v if v > low else low
-        circle[4, k] = v if v < high else high
+def _within(e, v, r, edges):
+    """A value of edge e kept between its ends, if it is narrow."""
+    low, high = edges[e, LOW] * r, edges[e, HIGH] * r
+    v = v if v > low else low
+    return v if v < high else high
 
 
 @njit(**INNER)
-def _out_of_order(circle, n_active):
+def _evaluate(along, across, n_active, x, y, value):
+    """Values of the list above (x, y)."""
+    for k in range(n_active):
+        value[k] = along[k] * x + across[k] * y
+
+
+@njit(**INNER)
+def _out_of_order(value, n_active):
     bad = False
     for k in range(n_active - 1):
-        bad |= circle[4, k] < circle[4, k + 1]
+        bad |= value[k] < value[k + 1]
     return bad
 
 
 @njit(**INNER)
-def _negative(n_active, w, r, sweep):
+def _negative(n_active, bottom, r, above, value):
     """Whether W is negative somewhere, over more than rounding."""
-    above, circle = sweep.above, sweep.circle
     for k in range(1, n_active):
-        if above[k] < 0 and circle[4, k - 1] - circle[4, k] > _NEGATIVE * (r + abs(circle[4, k])):
+        if above[k] < 0 and value[k - 1] - value[k] > _NEGATIVE * (r + abs(value[k])):
             return True
-    return w < 0
+    return bottom < 0
 
 
 @njit(**INNER)
-def sweep_arcs(sweep, n_edges, n_vertices, w, normal, frame, directions, ids, n):
+def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
     """Append the boundary arcs of what a shade point sees.
 
     Parameters
@@ -413,10 +421,6 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal, frame, directions, ids, n)
         W at the axis.
     normal : tuple of 3 float
         In the frame.
-    directions, ids : (capacity, 9) float64, (capacity, 2) int32, out
-        See Arcs.
-    n : int
-        Arcs that are there already.
 
     Returns
     -------
@@ -424,34 +428,37 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal, frame, directions, ids, n)
         More than the capacity where there was no room.
     sound : int
         1; 0 where W contradicts itself; -1 where there was no room for crossings.
+    crossings : int
     """
-    edges, state, circle = sweep.edges, sweep.state, sweep.circle
-    active, above = sweep.active, sweep.above
+    edges, state = sweep.edges, sweep.state
+    active, above, value, along, across = sweep.active, sweep.above, sweep.value, sweep.along, sweep.across
+    copy, pairs, places = sweep.copy, sweep.pairs, sweep.places
     key, code, tie = sweep.sorted_key, sweep.sorted_code, sweep.sorted_tie
+    start_key, arcs, n = sweep.key, sweep.arcs, 0
     n_events = 2 * n_edges
     _sort_events(sweep, n_events)
 
-    n_active, sound = 0, 1
+    n_active, n_narrow, sound, all_crossings = 0, 0, 1, 0
     for e in range(n_edges):
-        if sweep.key[2 * e] > sweep.key[2 * e + 1]:
-            v = edges[e, ALONG]
-            v = v if v > edges[e, LOW] else edges[e, LOW]
-            v = v if v < edges[e, HIGH] else edges[e, HIGH]
+        if start_key[2 * e] > start_key[2 * e + 1]:
+            v = _within(e, edges[e, ALONG], 1.0, edges)
             slope, k = _slope(e, 1.0, 0.0, edges), n_active
             while k > 0 and (
-                circle[4, k - 1] < v
-                or (circle[4, k - 1] == v and _slope(active[k - 1], 1.0, 0.0, edges) < slope)
+                value[k - 1] < v or (value[k - 1] == v and _slope(active[k - 1], 1.0, 0.0, edges) < slope)
             ):
                 k -= 1
-            _insert(e, k, n_active, v, sweep)
+            _insert(e, k, n_active, active, above, value, along, across, edges)
+            value[k] = v
             n_active += 1
+            n_narrow += edges[e, LOW] > -np.inf
     bottom = w
     for k in range(n_active):
         e = active[k]
         above[k] = bottom
         x, y, z = _on_edge(e, 1.0, 0.0, edges)
-        n = _show(e, _visible_side(bottom, state[e, GAIN]), x, y, z, edges, state, frame, directions, ids, n)
+        n = _show(e, _visible_side(bottom, state[e, GAIN]), x, y, z, edges, state, arcs, n)
         bottom += state[e, GAIN]
+    lowest = bottom
     key_0, t0, m0 = 0.0, 1.0, 0.0
     horizon_key, horizon_t, horizon_m = key_0, t0, m0
     horizon = bottom == 0
@@ -464,45 +471,93 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal, frame, directions, ids, n)
         key_1, e = key[first], code[first] >> 1
         at = END if code[first] & 1 else START
         x, y, z = edges[e, at], edges[e, at + 1], edges[e, at + 2]
-        r = max(np.sqrt(x * x + y * y), 1e-300)
-        _evaluate(circle, n_active, x, y, r)
+        _evaluate(along, across, n_active, x, y, value)
+        if n_narrow > 0:
+            r = np.sqrt(x * x + y * y)
+            for k in range(n_active):
+                value[k] = _within(active[k], value[k], r, edges)
+        position = n_active
         for i in range(first, last):
             if code[i] & 1:
-                circle[4, _place_of(code[i] >> 1, n_active, active)] = z
-        if _out_of_order(circle, n_active):
+                k = _place_of(code[i] >> 1, n_active, active)
+                value[k] = z
+                position = min(position, k)
+        if _out_of_order(value, n_active):
             n, crossings = _reorder(
-                n_active, key_0, key_1, t0, m0, x, y, sweep, frame, directions, ids, n
+                n_active,
+                key_0,
+                key_1,
+                x,
+                y,
+                active,
+                above,
+                value,
+                along,
+                across,
+                copy,
+                pairs,
+                places,
+                edges,
+                state,
+                arcs,
+                n,
             )
             if crossings < 0:
-                return n, -1
-        if key_1 - key_0 > _NEGATIVE and _negative(n_active, bottom, r, sweep):
-            sound = 0
+                return n, -1, 0
+            all_crossings += crossings
+            position = n_active
+            for i in range(first, last):
+                if code[i] & 1:
+                    position = min(position, _place_of(code[i] >> 1, n_active, active))
+            lowest = min(lowest, _lowest(above, n_active))
+        if lowest < 0:
+            if key_1 - key_0 > _NEGATIVE and _negative(
+                n_active, bottom, np.sqrt(x * x + y * y), above, value
+            ):
+                sound = 0
+            lowest = min(bottom, _lowest(above, n_active))
 
-        position, balance = n_active, 0
-        ended = False
+        if last - first == 2 and (code[first] ^ code[first + 1]) & 1:
+            # The usual vertex, where one edge follows another: it takes its place.
+            i = first if code[first] & 1 else first + 1
+            e, f = code[i] >> 1, code[2 * first + 1 - i] >> 1
+            if state[e, GAIN] == state[f, GAIN]:
+                side = state[e, SIDE]
+                if side != 0:
+                    n = _show(e, 0, x, y, z, edges, state, arcs, n)
+                    state[f, SIDE] = side
+                    edges[f, OPEN], edges[f, OPEN + 1], edges[f, OPEN + 2] = x, y, z
+                active[position], along[position], across[position] = f, edges[f, ALONG], edges[f, ACROSS]
+                n_narrow += int(edges[f, LOW] > -np.inf) - int(edges[e, LOW] > -np.inf)
+                key_0, t0, m0 = key_1, x, y
+                first = last
+                continue
+
+        balance, ended = 0, 0
         for i in range(first, last):
             if code[i] & 1:
                 e = code[i] >> 1
                 k = _place_of(e, n_active, active)
-                n = _show(e, 0, x, y, z, edges, state, frame, directions, ids, n)
+                n = _show(e, 0, x, y, z, edges, state, arcs, n)
                 balance += state[e, GAIN]
-                _remove(k, n_active, sweep)
+                n_narrow -= edges[e, LOW] > -np.inf
+                _remove(k, n_active, active, above, value, along, across)
                 n_active -= 1
-                position = min(position, k)
-                ended = True
-        if not ended:
+                ended += 1
+        if ended == 0:
             position = 0
             for k in range(n_active):
-                position += circle[4, k] > z
+                position += value[k] > z
         begun = 0
         for i in range(first, last):
             if not code[i] & 1:
                 e = code[i] >> 1
                 balance -= state[e, GAIN]
+                n_narrow += edges[e, LOW] > -np.inf
                 slope, k = _slope(e, x, y, edges), position + begun
                 while k > position and _slope(active[k - 1], x, y, edges) < slope:
                     k -= 1
-                _insert(e, k, n_active, z, sweep)
+                _insert(e, k, n_active, active, above, value, along, across, edges)
                 n_active += 1
                 begun += 1
         if balance != 0 and tie[first] < n_vertices:
@@ -516,37 +571,65 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal, frame, directions, ids, n)
             if k >= position + begun and above[k] == here:
                 break
             above[k] = here
+            lowest = min(lowest, here)
             side = _visible_side(here, state[e, GAIN])
             here += state[e, GAIN]
             if k < position + begun:
-                n = _show(e, side, x, y, z, edges, state, frame, directions, ids, n)
+                n = _show(e, side, x, y, z, edges, state, arcs, n)
             else:
                 ex, ey, ez = _on_edge(e, x, y, edges)
-                n = _show(e, side, ex, ey, ez, edges, state, frame, directions, ids, n)
+                n = _show(e, side, ex, ey, ez, edges, state, arcs, n)
         bottom = w
         if n_active > 0:
             bottom = above[n_active - 1] + state[active[n_active - 1], GAIN]
+        lowest = min(lowest, bottom)
         if (bottom == 0) != horizon:
             if horizon:
-                n = _show_horizon(
-                    horizon_key, key_1, horizon_t, horizon_m, x, y, normal, frame, directions, ids, n
-                )
+                n = _show_horizon(horizon_key, key_1, horizon_t, horizon_m, x, y, normal, arcs, n)
             horizon = not horizon
             horizon_key, horizon_t, horizon_m = key_1, x, y
         key_0, t0, m0 = key_1, x, y
         first = last
 
     if n_active > 0:
-        _evaluate(circle, n_active, 1.0, 0.0, 1.0)
-        if _out_of_order(circle, n_active):
+        _evaluate(along, across, n_active, 1.0, 0.0, value)
+        for k in range(n_active):
+            value[k] = _within(active[k], value[k], 1.0, edges)
+        if _out_of_order(value, n_active):
             n, crossings = _reorder(
-                n_active, key_0, 2.0 * np.pi, t0, m0, 1.0, 0.0, sweep, frame, directions, ids, n
+                n_active,
+                key_0,
+                2.0 * np.pi,
+                1.0,
+                0.0,
+                active,
+                above,
+                value,
+                along,
+                across,
+                copy,
+                pairs,
+                places,
+                edges,
+                state,
+                arcs,
+                n,
             )
             if crossings < 0:
-                return n, -1
-        n = _close_list(n_active, w, key_0, t0, m0, sweep, frame, directions, ids, n)
+                return n, -1, 0
+            all_crossings += crossings
+        for k in range(n_active):
+            e = active[k]
+            x, y, z = _on_edge(e, 1.0, 0.0, edges)
+            n = _show(e, 0, x, y, z, edges, state, arcs, n)
     if horizon:
-        n = _show_horizon(
-            horizon_key, 2.0 * np.pi, horizon_t, horizon_m, 1.0, 0.0, normal, frame, directions, ids, n
-        )
-    return n, sound
+        n = _show_horizon(horizon_key, 2.0 * np.pi, horizon_t, horizon_m, 1.0, 0.0, normal, arcs, n)
+    return n, sound, all_crossings
+
+
+@njit(**INNER)
+def _lowest(above, n_active):
+    least = 0
+    for k in range(n_active):
+        least = min(least, above[k])
+    return least

@@ -50,4 +50,7 @@ Sources
     RH01    Ramamoorthi, Hanrahan 2001, On the Relationship between Radiance and Irradiance.
     DLMF    Digital Library of Mathematical Functions, chapter 14.
     Lam60   Lambert 1760, Photometria (vector irradiance of a polygon).
+    VOS83   Van Oosterom, Strackee 1983, The Solid Angle of a Plane Triangle.
+    Arv95   Arvo 1995, Applications of Irradiance Tensors to the Simulation of Non-Lambertian Phenomena.
+    WR18    Wang, Ramamoorthi 2018, Analytic Spherical Harmonic Coefficients for Polygonal Area Lights.
 """

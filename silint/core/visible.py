@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import get_num_threads
 
+from silint.core.arcs import boundary_arcs
+from silint.core.arcs_types import Arcs
 from silint.core.bundles import EdgeBundles
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
@@ -141,6 +143,64 @@ def find_radial(
 
 def _with_corners(bundles: Bundles, geometry: Topology) -> Bundles:
     return bundles._replace(face=with_corners(bundles.face, geometry))
+
+
+class FoundArcs(NamedTuple):
+    """Boundary arcs of what points see, and how they were found."""
+
+    arcs: Arcs
+    tally: np.ndarray  # (N_TALLY,) int64: what the search counted
+    frames: np.ndarray  # (n,) int8: the frame that gave them, 1 or 2; 0 where both contradicted themselves
+
+
+def find_arcs(
+    geometry: Topology,
+    bundles: Bundles,
+    points: np.ndarray,
+    normals: np.ndarray,
+    per_block: int,
+    capacity: int,
+) -> FoundArcs | int:
+    """Boundary arcs of what points see.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64
+        In scaled units, lifted, in tile order; unit normals.
+    per_block : int
+        Points that a thread takes at a time, a multiple of TILE.
+    capacity : int
+        Arcs for which such a block has room.
+
+    Returns
+    -------
+    FoundArcs, or the capacity that is needed
+    """
+    n = len(points)
+    blocks = -(-n // per_block)
+    counts, starts, frames = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int8)
+    directions, edges = np.empty((blocks, capacity, 9)), np.empty((blocks, capacity, 2), np.int32)
+    needed, tally = np.zeros(blocks, np.int64), np.zeros((n, N_TALLY), np.int64)
+    boundary_arcs(
+        geometry,
+        *bundles,
+        points,
+        normals,
+        get_num_threads(),
+        per_block,
+        counts,
+        starts,
+        frames,
+        directions,
+        edges,
+        needed,
+        tally,
+    )
+    if needed.max(initial=0) > capacity:
+        return int(needed.max())
+    starts += capacity * (np.arange(n) // per_block)
+    arcs = Arcs(points, normals, counts, starts, directions.reshape(-1, 9), edges.reshape(-1, 2))
+    return FoundArcs(arcs, tally.sum(axis=0), frames)
 
 
 def prefers_cover(geometry: Topology, bundles: Bundles) -> tuple[bool, Bundles]:
