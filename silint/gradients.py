@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,11 +10,23 @@ import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
 from silint.core.integrands import arcs_gradient, arcs_sh_gradient
+from silint.core.jit import KERNEL_LOCK
+from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.scene import Scene
 from silint.sh import MAX_DEGREE
 from silint.validation import InputError, choice, finite_array, positive_int
 
-__all__ = ["QUANTITIES", "Gradient", "Integrand", "differentiate", "file_vertices", "integrand", "pull_back"]
+__all__ = [
+    "QUANTITIES",
+    "Gradient",
+    "Integrand",
+    "differentiate",
+    "file_vertices",
+    "gradient",
+    "integrand",
+    "pull_back",
+    "pullback",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -120,38 +133,31 @@ def differentiate(
     return Gradient(value, by_point, by_normal), singular
 
 
-def pull_back(arcs: Arcs, scene: Scene, what: Integrand, cotangents: npt.ArrayLike) -> tuple[FloatArray, int]:
-    """Derivative of sum(cotangents * values) by the scene's *welded* vertices.
+def pull_back(arcs: Arcs, scene: Scene, what: Integrand, cotangents: FloatArray, out: FloatArray) -> int:
+    """Add the derivative of sum(cotangents * values) by the scene's *welded* vertices to `out`.
 
-    Results for several groups of points may be added up; `file_vertices` then hands them to the file's.
+    `file_vertices` hands it to the file's, after all groups of points.
 
     Parameters
     ----------
     arcs, scene, what
         As in `differentiate`.
-    cotangents : array_like, shape (n,) or (n, C)
-        Shaped as the values are.
+    cotangents : (n, C) float64
+    out : (welded vertices, 3) float64, out
+        The same bits for any number of threads and any groups: arcs are summed one by one, in the order of
+        the points.
 
     Returns
     -------
-    gradient : (welded vertices, 3) float64
-        The same bits for any number of threads: arcs are summed in the order of the points.
     singular : int
         See `differentiate`.
-
-    Raises
-    ------
-    silint.InputError
-        Cotangents of another shape, or not finite.
     """
-    n = len(arcs.points)
-    rows = finite_array(
-        cotangents, "cotangents", [(n, *what.components)], "the derivative of a loss by each value"
-    ).reshape(n, -1)
     vertices, factor, number = scene.topology.vertices, _per_unit(scene), what.closed_form
     if number is None:
-        return arcs_sh_gradient.pullback(arcs, vertices, what.max_degree, what.weighting, factor, rows)
-    return arcs_gradient.pullback(arcs, vertices, number, factor, rows)
+        return arcs_sh_gradient.pullback(
+            arcs, vertices, what.max_degree, what.weighting, factor, cotangents, out
+        )
+    return arcs_gradient.pullback(arcs, vertices, number, factor, cotangents, out)
 
 
 def file_vertices(gradient: FloatArray, scene: Scene) -> FloatArray:
@@ -175,6 +181,98 @@ def file_vertices(gradient: FloatArray, scene: Scene) -> FloatArray:
     out = np.zeros((scene.n_vertices, 3))
     out[used] = gradient[vertex_map[used]] / copies[vertex_map[used], None]
     return out
+
+
+def gradient(
+    finder: VisibleFinder,
+    what: Integrand,
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike,
+    progress: Progress | None = None,
+) -> tuple[Gradient, dict[str, int]]:
+    """Both phases: values and derivatives at points, and what was counted.
+
+    Points whose arcs contradict each other (``uncertified_points``) get NaN throughout.
+    """
+    n_points, chunks = finder.shade_point_chunks(points, normals)
+    shape = what.components
+    value = np.empty((n_points, *shape))
+    by_point, by_normal = np.empty((n_points, 3, *shape)), np.empty((n_points, 3, *shape))
+    lengths, totals = _lengths(normals), _counts()
+    for arcs, certain, rows in _groups(finder, n_points, chunks, totals, progress):
+        with KERNEL_LOCK:
+            found, singular = differentiate(arcs, finder.scene, what, lengths[rows])
+        for array, part in zip((value, by_point, by_normal), found, strict=True):
+            array[rows] = part
+            array[rows[~certain]] = np.nan
+        totals["singular_arcs"] += singular
+    return Gradient(value, by_point, by_normal), totals
+
+
+def pullback(
+    finder: VisibleFinder,
+    what: Integrand,
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike,
+    cotangents: npt.ArrayLike,
+    progress: Progress | None = None,
+) -> tuple[FloatArray, dict[str, int]]:
+    """Both phases: derivative of sum(cotangents * values) by the file's vertices (V, 3), and counts.
+
+    Points whose arcs contradict each other (``uncertified_points``) are left out.
+
+    Parameters
+    ----------
+    cotangents : array_like, shape (n,) or (n, C)
+        Shaped as the values are.
+
+    Raises
+    ------
+    silint.InputError
+        Cotangents of another shape, or not finite.
+    """
+    n_points, chunks = finder.shade_point_chunks(points, normals)
+    shape = (n_points, *what.components)
+    weights = finite_array(cotangents, "cotangents", [shape], "the derivative of a loss by each value")
+    weights = weights.reshape(n_points, -1)
+    out, totals = np.zeros_like(finder.scene.topology.vertices), _counts()
+    for arcs, certain, rows in _groups(finder, n_points, chunks, totals, progress):
+        sound = arcs._replace(counts=np.where(certain, arcs.counts, 0))
+        with KERNEL_LOCK:
+            totals["singular_arcs"] += pull_back(sound, finder.scene, what, weights[rows], out)
+    return file_vertices(out, finder.scene), totals
+
+
+def _groups(
+    finder: VisibleFinder,
+    n_points: int,
+    chunks: Iterator[tuple[slice, FloatArray, FloatArray]],
+    totals: dict[str, int],
+    progress: Progress | None,
+) -> Iterator[tuple[Arcs, npt.NDArray[np.bool_], npt.NDArray[np.int64]]]:
+    """Arcs of groups of points, whether they are certain, and the points' rows; counts go to `totals`."""
+    for chunk, p, n in chunks:
+        first = chunk.start
+
+        def report(done: int, _: int, first: int = first) -> None:
+            if progress is not None:
+                progress(first + done, n_points)
+
+        for arcs, certain, counts, group in finder.arcs(p, n, report):
+            add_counts(totals, counts)
+            yield arcs, certain, group + first
+
+
+def _counts() -> dict[str, int]:
+    return {**diagnose(None, 0, 0, 0), "singular_arcs": 0}
+
+
+def _lengths(vectors: npt.ArrayLike) -> FloatArray:
+    """Lengths of rows that have been checked, of any magnitude."""
+    rows = np.asarray(vectors, np.float64)
+    largest = np.abs(rows).max(axis=1)
+    lengths: FloatArray = largest * np.linalg.norm(rows / largest[:, None], axis=1)
+    return lengths
 
 
 def _per_unit(scene: Scene) -> float:

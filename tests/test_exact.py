@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 
-import silint
 from scenes import polyhedra
 from scenes.clutter import clutter
 from scenes.foliage import foliage

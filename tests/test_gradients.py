@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scenes import polyhedra
 from scenes.hand_arcs import make_arcs, oracle, oracle_gradient, polygon
-from silint import InputError, Scene
+from scenes.mesh import concatenate, moved
+from silint import InputError, Scene, SilhouetteIntegrator, finder
 from silint.gradients import QUANTITIES, Integrand, differentiate, file_vertices, integrand, pull_back
 
 # In an arbitrary unit, far from the scaled scene's: a triangle and a leaning wall, whose two faces hold their
@@ -35,6 +37,12 @@ def arcs_of(scene=SCENE):
     welding, topology = scene.welding, scene.topology
     points = np.ldexp(POINTS, -welding.exponent)
     return make_arcs(points, NORMALS, topology.vertices, hulls(welding.vertex_map))
+
+
+def pulled_back(arcs, what, cotangents):
+    out = np.zeros_like(SCENE.topology.vertices)
+    assert pull_back(arcs, SCENE, what, cotangents.reshape(len(cotangents), -1), out) == 0
+    return out
 
 
 def oracle_name(what: Integrand) -> str:
@@ -70,8 +78,7 @@ def test_derivatives_are_in_the_units_of_the_file(what):
         for ours, theirs in zip(found, (expected[0], expected[1] * 50.0, expected[2]), strict=True):
             np.testing.assert_allclose(ours.reshape(theirs.shape), theirs, rtol=0.0, atol=ROUNDING)
         by_corner = by_corner + expected[3] @ cotangents[i].reshape(-1)
-    welded, _ = pull_back(arcs, SCENE, what, cotangents)
-    found = file_vertices(welded, SCENE)
+    found = file_vertices(pulled_back(arcs, what, cotangents), SCENE)
     # Corners 3 and 5 come twice among the faces' vertices; row 9 is used by none.
     share = np.array([1, 1, 1, 2, 1, 2, 2, 2, 1, np.inf])[:, None]
     expected = by_corner[TO_CORNER] / share
@@ -81,7 +88,7 @@ def test_derivatives_are_in_the_units_of_the_file(what):
 def test_moving_all_copies_of_a_corner_together():
     """What the division among copies is for: a central difference of the value by one parameter."""
     what, arcs = integrand(), arcs_of()
-    welded, _ = pull_back(arcs, SCENE, what, np.ones(2))
+    welded = pulled_back(arcs, what, np.ones(2))
     moved = np.zeros_like(FILE)
     moved[(FILE == CORNERS[5]).all(axis=1)] = [0.0, 0.6, 0.8]
     derivative = (file_vertices(welded, SCENE) * moved).sum()
@@ -134,5 +141,86 @@ def test_what_cannot_be_differentiated_is_refused(options, message):
 )
 def test_cotangents_are_checked(what, cotangents, message):
     with pytest.raises(InputError, match=message) as error:
-        pull_back(arcs_of(), SCENE, what, cotangents)
+        SilhouetteIntegrator(SCENE).pullback(POINTS, NORMALS, cotangents, what.quantity)
     assert "\n" not in str(error.value)
+
+
+# ------------------------------------------------------------------------------------- both phases together
+
+
+@pytest.mark.parametrize("what", REQUESTS, ids=oracle_name)
+def test_the_integrator_has_the_derivatives_of_its_own_arcs(what):
+    """Phase one finds the hand-made arcs, up to cuts and order."""
+    sil, by_hand = SilhouetteIntegrator(SCENE), arcs_of()
+    expected, _ = differentiate(by_hand, SCENE, what, LENGTHS)
+    found, counts = sil.gradient(POINTS, NORMALS, *what, full_output=True)
+    assert counts["singular_arcs"] == counts["uncertified_points"] == 0
+    assert counts["exact_points"] == 2
+    # Points are lifted by 2^-36 of the scene.
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9)
+    cotangents = np.cos(np.arange(expected.value.size) + 0.3).reshape(expected.value.shape)
+    np.testing.assert_allclose(
+        sil.pullback(POINTS, NORMALS, cotangents, *what),
+        file_vertices(pulled_back(by_hand, what, cotangents), SCENE),
+        rtol=0.0,
+        atol=1e-9,
+    )
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Overlapping occluders at random, and points among them: vertices, faces, points, normals."""
+    generator = np.random.default_rng(11)
+    vertices, faces = concatenate(
+        [
+            moved(polyhedra.box(0.4 * generator.uniform(0.5, 1.5, 3)), p)
+            for p in generator.uniform(-1, 1, (14, 3))
+        ]
+    )
+    shear = np.eye(3) + 0.2 * generator.normal(size=(3, 3))
+    normals = generator.normal(size=(12, 3))
+    return vertices @ shear, faces, generator.uniform(-1.2, 1.2, (12, 3)), normals
+
+
+@pytest.mark.parametrize("quantity", ["ambient_occlusion", "sh_transfer"])
+def test_central_differences_of_exact_values(crowd, quantity):
+    """By points, by normals, and by vertices that overlap, cross and hide each other."""
+    vertices, faces, points, normals = crowd
+    h, options = 1e-6, {"quantity": quantity, "max_degree": 2}
+    sil = SilhouetteIntegrator(Scene(vertices, faces))
+    found = sil.gradient(points, normals, **options)
+    assert 0 < np.count_nonzero(found.value.reshape(12, -1).any(axis=1))
+    generator = np.random.default_rng(3)
+    dp, dn, dv = (generator.normal(size=a.shape) for a in (points, normals, vertices))
+    cotangents = generator.normal(size=found.value.shape)
+
+    def values(step_p=0.0, step_n=0.0, step_v=0.0):
+        moved_scene = sil if step_v == 0.0 else SilhouetteIntegrator(Scene(vertices + step_v * dv, faces))
+        return moved_scene.gradient(points + step_p * dp, normals + step_n * dn, **options).value
+
+    def difference(which):
+        return (values(**{which: h}) - values(**{which: -h})) / (2.0 * h)
+
+    # The rounding of values over 2 h is 1e-10; the rest is curvature where an edge passes close by.
+    by_points = np.einsum("ij,ij...->i...", dp, found.points)
+    np.testing.assert_allclose(difference("step_p"), by_points, rtol=1e-7, atol=1e-8)
+    by_normals = np.einsum("ij,ij...->i...", dn, found.normals)
+    np.testing.assert_allclose(difference("step_n"), by_normals, rtol=1e-7, atol=1e-8)
+    by_vertices = (sil.pullback(points, normals, cotangents, **options) * dv).sum()
+    assert abs((difference("step_v") * cotangents).sum() - by_vertices) < 1e-7 * max(1.0, abs(by_vertices))
+
+
+def test_groups_of_points_do_not_matter(crowd, monkeypatch):
+    """Groups follow the clock; sums over points must not."""
+    vertices, faces, points, normals = crowd
+    sil = SilhouetteIntegrator(Scene(vertices, faces))
+    many = np.tile(points, (40, 1)) + 0.01 * np.random.default_rng(2).normal(size=(480, 3))
+    facing, cotangents = np.tile(normals, (40, 1)), np.cos(np.arange(480.0))
+    whole = sil.pullback(many, facing, cotangents)
+    forward = sil.ambient_occlusion_gradient(many, facing)
+    monkeypatch.setattr(finder, "_PER_BLOCK", 64)
+    monkeypatch.setattr(finder, "_next_size", lambda *_: 64)
+    np.testing.assert_array_equal(sil.pullback(many, facing, cotangents), whole)
+    for one, other in zip(sil.ambient_occlusion_gradient(many, facing), forward, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -31,6 +31,7 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
+from silint.core.integrands.arcs import cross, dot
 from silint.core.jit import INNER, KERNEL, PARALLEL
 
 # Integrands f, with the number of their components.
@@ -45,18 +46,12 @@ _SHORT = 0.04
 
 
 @njit(**INNER)
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(**INNER)
-def cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(**INNER)
 def arc_frame(directions, k):
-    """Middle e1 of an arc, direction of travel e2 there, N, and sine and cosine of half the angle."""
+    """Middle e1 of an arc, direction of travel e2 there, N, and sine and cosine of half the angle.
+
+    The sine is negative where rounding swapped the ends: what the arc adds cancels what its neighbours have
+    too much.
+    """
     a = directions[k, 0], directions[k, 1], directions[k, 2]
     b = directions[k, 3], directions[k, 4], directions[k, 5]
     normal = directions[k, 6], directions[k, 7], directions[k, 8]
@@ -68,6 +63,8 @@ def arc_frame(directions, k):
         scale = 0.5 / c
         e1 = u * scale, v * scale, w * scale
         e2 = cross(normal, e1)
+        if x * e2[0] + y * e2[1] + z * e2[2] < 0.0:
+            s = -s
     else:
         scale = 0.5 / s
         e2 = x * scale, y * scale, z * scale
@@ -333,23 +330,20 @@ def gradient(
 
 
 def pullback(
-    arcs: Arcs, vertices: np.ndarray, quantity: int, factor: float, cotangents: np.ndarray
-) -> tuple[np.ndarray, int]:
-    """Derivative of sum(cotangents * F) by all vertices (V, 3), and how many arcs had to be left out.
+    arcs: Arcs, vertices: np.ndarray, quantity: int, factor: float, cotangents: np.ndarray, out: np.ndarray
+) -> int:
+    """Add the derivative of sum(cotangents * F) by all vertices to `out`; returns how many arcs had to be
+    left out.
 
     Parameters
     ----------
     arcs, vertices, quantity, factor
         As in `gradient`.
     cotangents : (n, C) float64
+    out : (V, 3) float64, out
+        Whatever groups the points come in, it gets the same bits.
     """
     shares, singular = np.empty((len(arcs.edges), 2)), np.empty(len(arcs.points), np.int64)
     pull_back_arcs(*arcs, vertices, quantity, factor, cotangents, shares, singular)
-    return scattered(arcs, shares, len(vertices)), int(singular.sum())
-
-
-def scattered(arcs: Arcs, shares: np.ndarray, n_vertices: int) -> np.ndarray:
-    """Shares of arcs (m, 2) summed into vertices (V, 3)."""
-    out = np.zeros((n_vertices, 3))
     scatter(arcs.counts, arcs.starts, arcs.directions, arcs.edges, shares, out)
-    return out
+    return int(singular.sum())

@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
-from silint.core.integrands.arcs_gradient import arc_frame, dot, edge_in_frame, scattered, triangle
+from silint.core.integrands.arcs import dot
+from silint.core.integrands.arcs_gradient import arc_frame, edge_in_frame, scatter, triangle
 from silint.core.jit import INNER, PARALLEL
 from silint.core.sh import contract, coupling, evaluate, recurrence
 
@@ -59,7 +60,7 @@ def gauss_rules() -> tuple[np.ndarray, np.ndarray]:
 @njit(**INNER)
 def _n_nodes(reach, degree, s, c):
     """Nodes for a trigonometric polynomial along an arc."""
-    z = degree * np.arctan2(s, c)
+    z = degree * np.arctan2(abs(s), c)
     q = 1
     while q < len(reach) - 1 and reach[q] < z:
         q += 1
@@ -289,9 +290,17 @@ def gradient(
 
 
 def pullback(
-    arcs: Arcs, vertices: np.ndarray, max_degree: int, weighting: str, factor: float, cotangents: np.ndarray
-) -> tuple[np.ndarray, int]:
-    """Derivative of sum(cotangents * transfer) by all vertices (V, 3), and how many arcs were left out."""
+    arcs: Arcs,
+    vertices: np.ndarray,
+    max_degree: int,
+    weighting: str,
+    factor: float,
+    cotangents: np.ndarray,
+    out: np.ndarray,
+) -> int:
+    """Add the derivative of sum(cotangents * transfer) by all vertices to `out` (V, 3); returns how many arcs
+    had to be left out.
+    """
     shares, singular = np.empty((len(arcs.edges), 2)), np.empty(len(arcs.points), np.int64)
     pull_back_sh(
         *arcs,
@@ -304,4 +313,5 @@ def pullback(
         shares,
         singular,
     )
-    return scattered(arcs, shares, len(vertices)), int(singular.sum())
+    scatter(arcs.counts, arcs.starts, arcs.directions, arcs.edges, shares, out)
+    return int(singular.sum())
