@@ -13,7 +13,8 @@ from numba import njit, prange
 
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, turns_left
-from silint.core.arrangement import new_sweep, place_arcs, sweep_arcs
+from silint.core.arrangement import new_sweep, sweep_arcs
+from silint.core.boundary import place_arcs
 from silint.core.buffers import grow_rows
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
 from silint.core.jit import INNER, PARALLEL

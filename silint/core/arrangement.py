@@ -24,37 +24,26 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from silint.core.arc_crossings import reorder
 from silint.core.arc_edges import (
     ACROSS,
     ALONG,
     END,
-    FROM,
     GAIN,
     HIGH,
     LOW,
     N_EDGE,
     N_STATE,
-    NORMAL,
     OPEN,
     SIDE,
     START,
     STEEP,
-    TO,
 )
+from silint.core.boundary import N_ARC, on_edge, show, show_horizon, visible_side
 from silint.core.jit import INNER
-from silint.core.radial import azimuth
 
 # Negative W over less than this, in azimuth and in height, is rounding.
 _NEGATIVE = 1e-9
-# Sine of the angle between planes below which their intersection is looked for between events only.
-_PARALLEL = 1e-6
-# Edges with shorter chords are cut between their ends; others, which ends do not describe, by their planes.
-_SHORT = 1.0
-# Stretches of the horizon are cut into pieces of at most this azimuth.
-_HORIZON_PIECE = 1.4
-
-# An arc as it is found: from and to, in the frame; its edge, -1 for the horizon; and its visible side.
-_FROM, _TO, _EDGE, _ON, _N_ARC = 0, 3, 6, 7, 8
 
 
 class Sweep(NamedTuple):
@@ -79,7 +68,7 @@ class Sweep(NamedTuple):
     copy: np.ndarray  # (capacity,) int32: of the list, where edges cross
     pairs: np.ndarray  # (pairs, 2) int32: edges that cross, the upper one first
     places: np.ndarray  # (pairs, 5) float64: azimuth and direction of their crossing, and the edge it is on
-    arcs: np.ndarray  # (arcs, _N_ARC) float64
+    arcs: np.ndarray  # (arcs, N_ARC) float64
 
 
 @njit(**INNER)
@@ -104,7 +93,7 @@ def new_sweep(capacity, pairs, arcs):
         np.empty(capacity, np.int32),
         np.empty((pairs, 2), np.int32),
         np.empty((pairs, 5)),
-        np.empty((arcs, _N_ARC)),
+        np.empty((arcs, N_ARC)),
     )
 
 
@@ -132,266 +121,6 @@ def _sort_events(sweep, n):
             to_key[j + 1], to_code[j + 1], to_tie[j + 1] = to_key[j], to_code[j], to_tie[j]
             j -= 1
         to_key[j + 1], to_code[j + 1], to_tie[j + 1] = k, c, t
-
-
-@njit(**INNER)
-def _show(e, side, x, y, z, edges, state, arcs, n):
-    """From (x, y, z) on, the visible region is on this side of edge e: ends its arc, begins another.
-
-    Where there is no room, arcs are only counted.
-    """
-    # Without a branch: Numba would count references to the arrays wherever one leaves the function.
-    old = state[e, SIDE]
-    row = min(n, len(arcs) - 1)
-    ox, oy, oz = edges[e, OPEN], edges[e, OPEN + 1], edges[e, OPEN + 2]
-    arcs[row, _FROM], arcs[row, _FROM + 1], arcs[row, _FROM + 2] = ox, oy, oz
-    arcs[row, _TO], arcs[row, _TO + 1], arcs[row, _TO + 2] = x, y, z
-    arcs[row, _EDGE], arcs[row, _ON] = e, old
-    turns = old != side
-    state[e, SIDE] = side
-    edges[e, OPEN] = x if turns else ox
-    edges[e, OPEN + 1] = y if turns else oy
-    edges[e, OPEN + 2] = z if turns else oz
-    return n + int(turns & (old != 0) & ((x != ox) | (y != oy) | (z != oz)))
-
-
-@njit(**INNER)
-def place_arcs(arcs, n_arcs, edges, state, normal, frame, directions, ids, first):
-    """Write arcs to rows from `first` on, in world axes and with the visible side on the left."""
-    for i in range(n_arcs):
-        row = first + i
-        e, side = int(arcs[i, _EDGE]), arcs[i, _ON]
-        if e < 0:
-            x, y, z = normal
-            ids[row, 0], ids[row, 1] = -1, -1
-        else:
-            x, y, z = side * edges[e, NORMAL], side * edges[e, NORMAL + 1], side * edges[e, NORMAL + 2]
-            ids[row, 0], ids[row, 1] = (
-                state[e, FROM if side > 0.0 else TO],
-                state[e, TO if side > 0.0 else FROM],
-            )
-        a, b = (_FROM, _TO) if side > 0.0 else (_TO, _FROM)
-        for k in range(3):
-            f, g, h = frame[0, k], frame[1, k], frame[2, k]
-            directions[row, k] = f * arcs[i, a] + g * arcs[i, a + 1] + h * arcs[i, a + 2]
-            directions[row, 3 + k] = f * arcs[i, b] + g * arcs[i, b + 1] + h * arcs[i, b + 2]
-            directions[row, 6 + k] = f * x + g * y + h * z
-
-
-@njit(**INNER)
-def _visible_side(above, gain):
-    return 1 if above == 0 else (-1 if above + gain == 0 else 0)
-
-
-@njit(**INNER)
-def _show_horizon(key_a, key_b, t, m, u, v, normal, arcs, n):
-    """Append the visible horizon between two azimuths, from above (t, m) to above (u, v), in pieces."""
-    pieces = int((key_b - key_a) / _HORIZON_PIECE) + 1
-    ax, ay, az = _on_horizon(t, m, normal)
-    for i in range(1, pieces + 1):
-        if i < pieces:
-            phi = key_a + i * (key_b - key_a) / pieces
-            u_i, v_i = np.cos(phi), np.sin(phi)
-        else:
-            u_i, v_i = u, v
-        bx, by, bz = _on_horizon(u_i, v_i, normal)
-        if ax != bx or ay != by or az != bz:
-            if n < len(arcs):
-                arcs[n, _FROM], arcs[n, _FROM + 1], arcs[n, _FROM + 2] = ax, ay, az
-                arcs[n, _TO], arcs[n, _TO + 1], arcs[n, _TO + 2] = bx, by, bz
-                arcs[n, _EDGE], arcs[n, _ON] = -1.0, 1.0
-            n += 1
-        ax, ay, az = bx, by, bz
-    return n
-
-
-@njit(**INNER)
-def _on_horizon(t, m, normal):
-    a = -(normal[0] * t + normal[1] * m) / normal[2]
-    s = 1.0 / np.sqrt(t * t + m * m + a * a)
-    return s * t, s * m, s * a
-
-
-@njit(**INNER)
-def _on_edge(e, t, m, edges):
-    """Direction on edge e above (t, m)."""
-    r = np.sqrt(t * t + m * m)
-    a = edges[e, ALONG] * t + edges[e, ACROSS] * m
-    a = a if a > edges[e, LOW] * r else edges[e, LOW] * r
-    a = a if a < edges[e, HIGH] * r else edges[e, HIGH] * r
-    s = 1.0 / np.sqrt(t * t + m * m + a * a)
-    return s * t, s * m, s * a
-
-
-@njit(**INNER)
-def _chord(e, edges):
-    """Square of the chord from start to end of an edge."""
-    x, y = edges[e, START] - edges[e, END], edges[e, START + 1] - edges[e, END + 1]
-    z = edges[e, START + 2] - edges[e, END + 2]
-    return x * x + y * y + z * z
-
-
-@njit(**INNER)
-def _crossing(e, f, key_0, key_1, t, m, edges):
-    """Where two edges cross between two events, the second above (t, m).
-
-    The shorter edge is cut by the plane of the longer: a short edge's plane may be known to a few digits
-    only, its ends always are.
-
-    Returns
-    -------
-    key : float
-        Azimuth of the crossing.
-    x, y, z : float
-        Its direction.
-    exact : int
-        The edge that it lies on to rounding; it is that near to the other's plane.
-    """
-    chord_e, chord_f = _chord(e, edges), _chord(f, edges)
-    g, h = (e, f) if chord_e <= chord_f else (f, e)
-    chord = np.sqrt(min(chord_e, chord_f))
-    a, b, c = edges[h, NORMAL], edges[h, NORMAL + 1], edges[h, NORMAL + 2]
-    sx, sy, sz = edges[g, START], edges[g, START + 1], edges[g, START + 2]
-    ex, ey, ez = edges[g, END], edges[g, END + 1], edges[g, END + 2]
-    start, end = a * sx + b * sy + c * sz, a * ex + b * ey + c * ez
-    if chord < _SHORT:
-        # Between the ends, even where rounding puts both on one side.
-        u, v = abs(end), abs(start)
-        if start * end >= 0.0:
-            u, v = (0.0, 1.0) if u < v else (1.0, 0.0)
-        x, y, z = u * sx + v * ex, u * sy + v * ey, u * sz + v * ez
-    else:
-        i, j, k = edges[g, NORMAL], edges[g, NORMAL + 1], edges[g, NORMAL + 2]
-        x, y, z = j * c - k * b, k * a - i * c, i * b - j * a
-        side = 1.0 if x * (sx + ex) + y * (sy + ey) + z * (sz + ez) > 0.0 else -1.0
-        x, y, z = side * x, side * y, side * z
-    square = x * x + y * y + z * z
-    s = 1.0 / np.sqrt(square) if square > 0.0 else 0.0
-    x, y, z = s * x, s * y, s * z
-    if chord >= _SHORT:
-        x, y, z = _onto(g, x, y, z, edges)
-    key = azimuth(x, y)
-    if not (abs(start - end) > _PARALLEL * chord or key_0 <= key <= key_1) or square == 0.0:
-        # Planes that agree say nothing; the second event does.
-        key, g = key_1, e
-        x, y, z = _on_edge(e, t, m, edges)
-    return key, x, y, z, g
-
-
-@njit(**INNER)
-def _onto(e, x, y, z, edges):
-    """The direction on the plane of edge e that is nearest to (x, y, z)."""
-    a, b, c = edges[e, NORMAL], edges[e, NORMAL + 1], edges[e, NORMAL + 2]
-    off = a * x + b * y + c * z
-    x, y, z = x - off * a, y - off * b, z - off * c
-    s = 1.0 / np.sqrt(x * x + y * y + z * z)
-    return s * x, s * y, s * z
-
-
-@njit(**INNER)
-def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
-    """The edges at i and i + 1 of the list trade places at (x, y, z), which is exactly on one of them."""
-    e, f = active[i], active[i + 1]
-    w = above[i]
-    gain_e, gain_f = state[e, GAIN], state[f, GAIN]
-    active[i], active[i + 1] = f, e
-    above[i + 1] = w + gain_f
-    side_f, side_e = _visible_side(w, gain_f), _visible_side(w + gain_f, gain_e)
-    if state[e, SIDE] == side_e and state[f, SIDE] == side_f:
-        return n
-    ox, oy, oz = _onto(f if exact == e else e, x, y, z, edges)
-    ex, ey, ez = (x, y, z) if exact == e else (ox, oy, oz)
-    fx, fy, fz = (ox, oy, oz) if exact == e else (x, y, z)
-    n = _show(e, side_e, ex, ey, ez, edges, state, arcs, n)
-    return _show(f, side_f, fx, fy, fz, edges, state, arcs, n)
-
-
-@njit(**INNER)
-def _reorder(
-    n_active,
-    key_0,
-    key_1,
-    x,
-    y,
-    active,
-    above,
-    value,
-    along,
-    across,
-    copy,
-    pairs,
-    places,
-    edges,
-    state,
-    arcs,
-    n,
-):
-    """Sort the list by falling value; pairs that trade places have crossed since the last event.
-
-    Returns the number of arcs, and of crossings; -1 crossings where there is no room for them.
-    """
-    for i in range(n_active):
-        copy[i] = active[i]
-    crossings = 0
-    for i in range(1, n_active):
-        j = i
-        while j > 0 and value[j - 1] < value[j]:
-            if crossings == len(pairs):
-                return n, -1
-            pairs[crossings, 0], pairs[crossings, 1] = copy[j - 1], copy[j]
-            crossings += 1
-            copy[j - 1], copy[j] = copy[j], copy[j - 1]
-            value[j - 1], value[j] = value[j], value[j - 1]
-            along[j - 1], along[j] = along[j], along[j - 1]
-            across[j - 1], across[j] = across[j], across[j - 1]
-            j -= 1
-    # Nearest first; of those, what are neighbours at the time. There always are some, so all pairs get done.
-    for c in range(crossings):
-        key, px, py, pz, exact = _crossing(pairs[c, 0], pairs[c, 1], key_0, key_1, x, y, edges)
-        j = c
-        e, f = pairs[c, 0], pairs[c, 1]
-        while j > 0 and places[j - 1, 0] > key:
-            for r in range(5):
-                places[j, r] = places[j - 1, r]
-            pairs[j, 0], pairs[j, 1] = pairs[j - 1, 0], pairs[j - 1, 1]
-            j -= 1
-        places[j, 0], places[j, 1], places[j, 2] = key, px, py
-        places[j, 3], places[j, 4] = pz, exact
-        pairs[j, 0], pairs[j, 1] = e, f
-    left, first = crossings, 0
-    while left > 0:
-        done = False
-        for c in range(first, crossings):
-            e = pairs[c, 0]
-            if e < 0:
-                if c == first:
-                    first += 1
-                continue
-            for i in range(n_active - 1):
-                if active[i] == e:
-                    break
-            if active[i] != e or active[i + 1] != pairs[c, 1]:
-                continue
-            n = _cross(
-                i,
-                places[c, 1],
-                places[c, 2],
-                places[c, 3],
-                int(places[c, 4]),
-                active,
-                above,
-                edges,
-                state,
-                arcs,
-                n,
-            )
-            pairs[c, 0] = -1
-            left -= 1
-            done = True
-            break
-        if not done:
-            break  # cannot be
-    return n, crossings
 
 
 @njit(**INNER)
@@ -505,8 +234,8 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
     for k in range(n_active):
         e = active[k]
         above[k] = bottom
-        x, y, z = _on_edge(e, 1.0, 0.0, edges)
-        n = _show(e, _visible_side(bottom, state[e, GAIN]), x, y, z, edges, state, arcs, n)
+        x, y, z = on_edge(e, 1.0, 0.0, edges)
+        n = show(e, visible_side(bottom, state[e, GAIN]), x, y, z, edges, state, arcs, n)
         bottom += state[e, GAIN]
     lowest = bottom
     key_0, t0, m0 = 0.0, 1.0, 0.0
@@ -533,7 +262,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
                 value[k] = z
                 position = min(position, k)
         if _out_of_order(value, n_active):
-            n, crossings = _reorder(
+            n, crossings = reorder(
                 n_active,
                 key_0,
                 key_1,
@@ -574,7 +303,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             if state[e, GAIN] == state[f, GAIN]:
                 side = state[e, SIDE]
                 if side != 0:
-                    n = _show(e, 0, x, y, z, edges, state, arcs, n)
+                    n = show(e, 0, x, y, z, edges, state, arcs, n)
                     state[f, SIDE] = side
                     edges[f, OPEN], edges[f, OPEN + 1], edges[f, OPEN + 2] = x, y, z
                 active[position], along[position], across[position] = f, edges[f, ALONG], edges[f, ACROSS]
@@ -588,7 +317,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             if code[i] & 1:
                 e = code[i] >> 1
                 k = _place_of(e, n_active, active)
-                n = _show(e, 0, x, y, z, edges, state, arcs, n)
+                n = show(e, 0, x, y, z, edges, state, arcs, n)
                 balance += state[e, GAIN]
                 n_narrow -= edges[e, LOW] > -np.inf
                 _remove(k, n_active, active, above, value, along, across)
@@ -622,20 +351,20 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
                 break
             above[k] = here
             lowest = min(lowest, here)
-            side = _visible_side(here, state[e, GAIN])
+            side = visible_side(here, state[e, GAIN])
             here += state[e, GAIN]
             if k < position + begun:
-                n = _show(e, side, x, y, z, edges, state, arcs, n)
+                n = show(e, side, x, y, z, edges, state, arcs, n)
             else:
-                ex, ey, ez = _on_edge(e, x, y, edges)
-                n = _show(e, side, ex, ey, ez, edges, state, arcs, n)
+                ex, ey, ez = on_edge(e, x, y, edges)
+                n = show(e, side, ex, ey, ez, edges, state, arcs, n)
         bottom = w
         if n_active > 0:
             bottom = above[n_active - 1] + state[active[n_active - 1], GAIN]
         lowest = min(lowest, bottom)
         if (bottom == 0) != horizon:
             if horizon:
-                n = _show_horizon(horizon_key, key_1, horizon_t, horizon_m, x, y, normal, arcs, n)
+                n = show_horizon(horizon_key, key_1, horizon_t, horizon_m, x, y, normal, arcs, n)
             horizon = not horizon
             horizon_key, horizon_t, horizon_m = key_1, x, y
         key_0, t0, m0 = key_1, x, y
@@ -646,7 +375,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
         for k in range(n_active):
             value[k] = _within(active[k], value[k], 1.0, edges)
         if _out_of_order(value, n_active):
-            n, crossings = _reorder(
+            n, crossings = reorder(
                 n_active,
                 key_0,
                 2.0 * np.pi,
@@ -670,10 +399,10 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             all_crossings += crossings
         for k in range(n_active):
             e = active[k]
-            x, y, z = _on_edge(e, 1.0, 0.0, edges)
-            n = _show(e, 0, x, y, z, edges, state, arcs, n)
+            x, y, z = on_edge(e, 1.0, 0.0, edges)
+            n = show(e, 0, x, y, z, edges, state, arcs, n)
     if horizon:
-        n = _show_horizon(horizon_key, 2.0 * np.pi, horizon_t, horizon_m, 1.0, 0.0, normal, arcs, n)
+        n = show_horizon(horizon_key, 2.0 * np.pi, horizon_t, horizon_m, 1.0, 0.0, normal, arcs, n)
     return n, sound, all_crossings
 
 
