@@ -19,10 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core import cie_sky, equirect
+from silint.core.integrands import radial_light
 from silint.core.integrands.light import LightTable, constant_light, texel_light
+from silint.core.integrands.radial import hemisphere_fraction
 from silint.core.prefix_table import NODES_PER_QUARTER
+from silint.core.radial import NO_AIM, RadialIntervals
 from silint.core.texel_table import cells_per_quarter
 from silint.io.images import read_image
+from silint.radial_sky import RadialSky
 from silint.radiance_map import MOST_ROWS, clamped_radiance, map_array
 from silint.sh import MAX_DEGREE, project_samples
 from silint.skies import Sun, draw_sky
@@ -379,6 +383,31 @@ class Environment:
             for old in list(self._tables)[:-_TABLES_KEPT]:
                 self._tables.pop(old, None)
         return table
+
+    @cached_property
+    def _radial_sky(self) -> RadialSky:
+        return RadialSky(self.texel_radiance)
+
+    @property
+    def aim(self) -> FloatArray:
+        """(3,) towards the strongest small source, for radial isolines to pass through; 0 for none."""
+        return NO_AIM if self.is_constant else self._radial_sky.aim(self.rotation)
+
+    @property
+    def radial_parts(self) -> tuple[int, int]:
+        """What radial isolines take the map for: the number of discs, and the bytes of the rest."""
+        return len(self._radial_sky.sources.radius), self._radial_sky.n_bytes
+
+    def radial_irradiance(self, visible: RadialIntervals) -> tuple[FloatArray, FloatArray]:
+        """Irradiance (n, 3) through intervals on lines through `aim`, and error estimates (n,)."""
+        if self.is_constant:
+            share, estimate = hemisphere_fraction(visible, "cosine")
+            level = np.pi * self._first
+            return self._three(share[:, None] * level), estimate * level.max()
+        sky = self._radial_sky
+        light = sky.turned(self.rotation, visible.counts.shape[1])
+        value, estimate = radial_light.irradiance(visible, *light)
+        return np.ldexp(value, sky.exponent), np.ldexp(estimate, sky.exponent)
 
     def table_bytes(self, isolines: int) -> int:
         """Size of `moment_table`."""

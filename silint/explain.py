@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from silint.core.integrands.octahedral_sh import table_bytes
+from silint.core.integrands.radial_light import cells_a_line
 from silint.core.sh import moment_degree
 from silint.environment import Environment
 from silint.finder import VisibleFinder
@@ -115,14 +116,22 @@ def octahedral_plan(
     )
 
 
-def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str, max_degree: int) -> Plan:
+def radial_plan(
+    finder: VisibleFinder,
+    request: str,
+    isolines: int,
+    weighting: str,
+    max_degree: int,
+    environment: Environment | None = None,
+) -> Plan:
     """What a request needs on radial isolines."""
     cover = finder.cover
     n_lines = max(isolines + isolines % 2, 4)
     searches = tuple(
         Part(part.name, False, "covering needs no contours") if cover else part for part in _searches(finder)
     )
-    integrand = "n.w" if weighting == "cosine" or request in ("sky_view_factor", "bent_normals") else "1"
+    cosine = weighting == "cosine" or request in ("sky_view_factor", "bent_normals", "irradiance")
+    integrand = "n.w" if cosine else "1"
     if request == "sh_transfer":
         integrand = f"harmonics to degree {moment_degree(max_degree, weighting)}"
     return Plan(
@@ -145,6 +154,7 @@ def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: s
             ),
             Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
             _rotation(request, max_degree),
+            *_cells(request, n_lines, environment),
             _second_horizon(request),
         ),
     )
@@ -177,6 +187,24 @@ def _light(request: str, isolines: int, environment: Environment | None) -> Part
         f"{columns}: L (n.w) is linear in L w; one table serves all normals",
         environment.table_bytes(isolines),
     )
+
+
+def _cells(request: str, n_lines: int, environment: Environment | None) -> tuple[Part, Part]:
+    """Light along radial lines: the map in cells, and what is too small for them."""
+    sky, sun = "sky in cells", "small sources"
+    if request != "irradiance":
+        return Part(sky, False, f"{request} has no light"), Part(sun, False, f"{request} has no light")
+    if environment is not None and environment.is_constant:
+        why = "a constant environment: pi L times ambient occlusion"
+        return Part(sky, False, why), Part(sun, False, why)
+    cells = f"{cells_a_line(n_lines)} a line, of an octahedral pyramid; irradiance without occluders"
+    if environment is None:
+        return Part(sky, True, cells), Part(
+            sun, True, "where the map has any; a line passes through the first"
+        )
+    n_discs, size = environment.radial_parts
+    why = f"{n_discs} discs; a line of each point passes through the first" if n_discs else "the map has none"
+    return Part(sky, True, cells, size), Part(sun, n_discs > 0, why)
 
 
 def _harmonics(request: str, isolines: int, weighting: str, max_degree: int) -> Part:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.integrands import fractions, octahedral_sh, radial, radial_sh
-from silint.core.radial import RadialIntervals
+from silint.core.radial import NO_AIM, RadialIntervals
 from silint.environment import Environment
 from silint.explain import REQUESTS, memory, octahedral_plan, radial_plan, scene_plan
 from silint.finder import KERNEL_LOCK, Progress, VisibleFinder, add_counts, diagnose
@@ -46,6 +46,7 @@ class _Integrand(NamedTuple):
     octahedral: Callable[[Visibility], Found]
     radial: Callable[[RadialIntervals], Found] | None  # None: no closed form along a line
     most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
+    aim: FloatArray = NO_AIM  # a direction that a radial line of every point is to pass through
 
 
 class SilhouetteIntegrator:
@@ -254,10 +255,12 @@ class SilhouetteIntegrator:
         Parameters
         ----------
         environment : Environment
-            Tabulated once for a number of isolines and kept; one table serves all normals. An isoline stands
-            for a strip of the sky 2 / isolines wide: where a sun is half hidden, few isolines show as bands.
-        method : {"auto", "octahedral"}
-            Light from any direction has no closed form along radial isolines.
+            Prepared once and kept.
+        method : {"auto", "octahedral", "radial"}
+            Radial isolines sum the map in cells; small bright sources are taken out of it, and a line of each
+            point passes through the brightest, so that the edge of its shadow is exact. They are 2 to 4 times
+            cheaper, and tables end their error at 5e-4. Octahedral isolines sum every texel, each in a strip
+            of the sky 2 / isolines wide: where a sun is half hidden, few show as bands. "auto" takes radial.
         tolerance : float, optional
             In units of irradiance, of the channel that needs it most.
 
@@ -271,14 +274,19 @@ class SilhouetteIntegrator:
                 f"environment is a {type(environment).__name__}; expected a silint.Environment "
                 "(Environment.from_file, .from_array, .constant, ...)"
             )
-        choice(method, "method", ("auto", "octahedral"))
-        most = min(environment.most_isolines, MAX_ISOLINES)
+        choice(method, "method", METHODS)
+        octahedral = method == "octahedral"
+        most = min(environment.most_isolines, MAX_ISOLINES) if octahedral else MAX_ISOLINES
         if tolerance is None:
             positive_int(64 if isolines is None else isolines, "isolines", 1, most)
-        integrand = _Integrand((3,), lambda v: v._irradiance(environment), None, most)
-        return self._integrate(
-            integrand, points, normals, isolines, "octahedral", tolerance, full_output, progress
+        integrand = _Integrand(
+            (3,),
+            lambda v: v._irradiance(environment),
+            environment.radial_irradiance,
+            most,
+            NO_AIM if octahedral else environment.aim,
         )
+        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
     def visibility(
         self,
@@ -339,9 +347,9 @@ class SilhouetteIntegrator:
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-        if method == "octahedral" or request in ("visibility", "irradiance"):
+        if method == "octahedral" or request == "visibility":
             return octahedral_plan(self._finder, request, k, weighting, degree, environment)
-        return radial_plan(self._finder, request, k, weighting, degree)
+        return radial_plan(self._finder, request, k, weighting, degree, environment)
 
     @property
     def memory(self) -> dict[str, int]:
@@ -443,7 +451,7 @@ class SilhouetteIntegrator:
                 add_counts(totals, visible.diagnostics)
             return
         even = max(isolines + isolines % 2, 4)
-        for found, counts, group in self._finder.radial(p, n, even, progress):
+        for found, counts, group in self._finder.radial(p, n, even, progress, integrand.aim):
             with KERNEL_LOCK:
                 value[rows[group]], estimate[rows[group]] = integrand.radial(found)
             add_counts(totals, counts)
