@@ -93,6 +93,7 @@ class Environment:
     name: str
     clamped: int = 0
     _tables: dict[int, LightTable] = field(default_factory=dict)
+    _of_map: list[RadialSky] = field(default_factory=list)  # shared by all that are turned: one, when made
 
     def __repr__(self) -> str:
         shape = "constant" if self.is_constant else "{} x {} texels".format(*self.texel_radiance.shape[:2])
@@ -299,7 +300,8 @@ class Environment:
             Shares the map with this one.
         """
         turn = rotation_matrix(rotation, "rotation")
-        return Environment(self.texel_radiance, _read_only(turn @ self.rotation), self.name, self.clamped)
+        rotated = _read_only(turn @ self.rotation)
+        return Environment(self.texel_radiance, rotated, self.name, self.clamped, _of_map=self._of_map)
 
     # ------------------------------------------------------------------------------------- what it is
 
@@ -384,9 +386,12 @@ class Environment:
                 self._tables.pop(old, None)
         return table
 
-    @cached_property
+    @property
     def _radial_sky(self) -> RadialSky:
-        return RadialSky(self.texel_radiance)
+        if not self._of_map:
+            # Threads may make two that are equal; the first is kept.
+            self._of_map.append(RadialSky(self.texel_radiance))
+        return self._of_map[0]
 
     @property
     def aim(self) -> FloatArray:
