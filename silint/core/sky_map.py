@@ -17,9 +17,9 @@ from silint.core.jit import INNER, KERNEL, PARALLEL
 
 # Texels each way of the finest level, which takes 4 MiB when spread, and of the coarsest.
 MOST_TEXELS, _LEAST_TEXELS, _COARSEST = 512, 128, 4
-# Parts of a texel of the map a side, and from pole to pole for each texel of the finest level: no octahedral
-# texel is so small that none lies in it.
-_PARTS, _PARTS_EACH = 3, 2
+# Texels of the map are cut in parts, so many from pole to pole for each texel of the finest level: these are
+# 2 / N wide at least, so that some lie in each of them.
+_PARTS = 3
 # Normals, each way, that irradiance without occluders is tabulated for, and the texels it is summed over.
 OPEN_NORMALS, _OPEN_TEXELS = 128, 128
 
@@ -80,7 +80,7 @@ def build_pyramid(radiance: np.ndarray) -> tuple[np.ndarray, ...]:
     """
     size = min(max(1 << (len(radiance) - 1).bit_length(), _LEAST_TEXELS), MOST_TEXELS)
     flat = np.zeros((size * size, 4))
-    parts = max(_PARTS, -(-_PARTS_EACH * size // len(radiance)))
+    parts = -(-_PARTS * size // len(radiance))
     _deal_out(np.ascontiguousarray(radiance), parts, size, flat)
     levels = [flat.reshape(size, size, 4)]
     while size > _COARSEST:

@@ -18,7 +18,7 @@ def smooth_map(height: int) -> np.ndarray:
     return smooth(centres.reshape(-1, 3)).reshape(height, 2 * height, 3)
 
 
-@pytest.mark.parametrize("height", [1, 5, 64])
+@pytest.mark.parametrize("height", [1, 5, 64, 129])
 def test_every_level_holds_all_light(height: int) -> None:
     radiance = np.random.default_rng(0).random((height, 2 * height, 3)) ** 8
     want = (radiance.sum(axis=1) * equirect.solid_angles(height)[:, None]).sum(axis=0)
