@@ -148,11 +148,11 @@ def set_frames(normals, aim, n_lines, frames):
             # Where on the line the normal is as far away as it is from the direction.
             theta = rest + np.arccos(min(height / reach, 1.0))
             s, c = np.sin(theta), np.cos(theta)
-            turn_frame(n, aim, (s * t, s * m, c), frames[i])
+            _turn_frame(n, aim, (s * t, s * m, c), frames[i])
 
 
 @njit(**INNER)
-def turn_frame(n, aim, wanted, frame):
+def _turn_frame(n, aim, wanted, frame):
     """Turn a frame about the normal such that the azimuth of a direction is that of coordinates `wanted`."""
     here = in_frame(aim[0], aim[1], aim[2], frame)
     # Both, about the normal as it lies in the frame.
