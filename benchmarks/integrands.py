@@ -69,6 +69,7 @@ def main() -> None:
         "octahedral SH degree 4": harmonics(4, **octahedral),
         "radial ambient occlusion": lambda: sil.ambient_occlusion(p, n, isolines=k),
         "radial bent normals": lambda: sil.bent_normals(p, n, isolines=k),
+        "radial irradiance, RGB": lambda: sil.irradiance(p, n, colour, isolines=k),
         **{f"radial SH degree {d}": harmonics(d, isolines=k) for d in (2, 4, 8)},
     }
     times: dict[str, list[float]] = {name: [] for name in queries}

@@ -19,11 +19,15 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core import cie_sky, equirect
+from silint.core.integrands import radial_light
 from silint.core.integrands.light import LightTable, constant_light, texel_light
+from silint.core.integrands.radial import hemisphere_fraction
 from silint.core.jit import KERNEL_LOCK
 from silint.core.prefix_table import NODES_PER_QUARTER
+from silint.core.radial import NO_AIM, RadialIntervals
 from silint.core.texel_table import cells_per_quarter
 from silint.io.images import read_image
+from silint.radial_sky import RadialSky
 from silint.radiance_map import MOST_ROWS, clamped_radiance, map_array
 from silint.sh import MAX_DEGREE, project_samples
 from silint.skies import Sun, draw_sky
@@ -90,6 +94,7 @@ class Environment:
     name: str
     clamped: int = 0
     _tables: dict[int, LightTable] = field(default_factory=dict)
+    _of_map: list[RadialSky] = field(default_factory=list)  # shared by all that are turned: one, when made
 
     def __repr__(self) -> str:
         shape = "constant" if self.is_constant else "{} x {} texels".format(*self.texel_radiance.shape[:2])
@@ -296,7 +301,8 @@ class Environment:
             Shares the map with this one.
         """
         turn = rotation_matrix(rotation, "rotation")
-        return Environment(self.texel_radiance, _read_only(turn @ self.rotation), self.name, self.clamped)
+        rotated = _read_only(turn @ self.rotation)
+        return Environment(self.texel_radiance, rotated, self.name, self.clamped, _of_map=self._of_map)
 
     # ------------------------------------------------------------------------------------- what it is
 
@@ -386,12 +392,40 @@ class Environment:
                     del self._tables[old]
         return table
 
+    @property
+    def _radial_sky(self) -> RadialSky:
+        with KERNEL_LOCK:
+            if not self._of_map:
+                self._of_map.append(RadialSky(self.texel_radiance))
+            return self._of_map[0]
+
+    @property
+    def aim(self) -> FloatArray:
+        """(3,) towards the strongest small source, for radial isolines to pass through; 0 for none."""
+        return NO_AIM if self.is_constant else self._radial_sky.aim(self.rotation)
+
+    @property
+    def radial_parts(self) -> tuple[int, int]:
+        """What radial isolines take the map for: the number of discs, and the bytes of the rest."""
+        return len(self._radial_sky.sources.radius), self._radial_sky.n_bytes
+
+    def radial_irradiance(self, visible: RadialIntervals) -> tuple[FloatArray, FloatArray]:
+        """Irradiance (n, 3) through intervals on lines through `aim`, and error estimates (n,)."""
+        if self.is_constant:
+            share, estimate = hemisphere_fraction(visible, "cosine")
+            level = np.pi * self._first
+            return self._three(share[:, None] * level), estimate * level.max()
+        sky = self._radial_sky
+        value, estimate = radial_light.irradiance(
+            visible, *sky.turned(self.rotation, visible.counts.shape[1])
+        )
+        return np.ldexp(value, sky.exponent), np.ldexp(estimate, sky.exponent)
+
     def table_bytes(self, isolines: int) -> int:
         """Size of `moment_table`."""
         height, _, channels = self.texel_radiance.shape
-        nodes = 2 * 3 * (4 * NODES_PER_QUARTER + 1)
         cells = 3 * channels * (4 * cells_per_quarter(height) + 1)
-        return 8 * isolines * (nodes if self.is_constant else cells)
+        return 8 * isolines * (6 * (4 * NODES_PER_QUARTER + 1) if self.is_constant else cells)
 
     @property
     def most_isolines(self) -> int:

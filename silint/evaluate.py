@@ -11,7 +11,7 @@ import numpy.typing as npt
 from silint.core.arcs_types import Arcs
 from silint.core.integrands import radial_sh
 from silint.core.jit import KERNEL_LOCK
-from silint.core.radial import RadialIntervals
+from silint.core.radial import NO_AIM, RadialIntervals
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
 from silint.validation import InputError, choice, positive_int, positive_number
 from silint.visibility import FloatArray, Result, Visibility, check_table
@@ -44,6 +44,7 @@ class Integrand(NamedTuple):
     exact: Callable[[Arcs], Found] | None = None  # None: no closed form along an arc
     most_octahedral: int = MAX_ISOLINES  # for the size of its table; a power of two
     max_degree: int = 0  # of harmonics, for which few lines alias
+    aim: FloatArray = NO_AIM  # a direction that a radial line of every point is to pass through
     prepare: Callable[[int], Any] | None = (
         None  # builds the table for some isolines, before any lock is taken
     )
@@ -165,7 +166,7 @@ def _run(
             add_counts(totals, visible.diagnostics)
         return
     even = radial_sh.enough_lines(isolines, integrand.max_degree)
-    for found, counts, group in finder.radial(p, n, even, progress):
+    for found, counts, group in finder.radial(p, n, even, progress, integrand.aim):
         with KERNEL_LOCK:
             value[rows[group]], estimate[rows[group]] = integrand.radial(found)
         add_counts(totals, counts)

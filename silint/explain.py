@@ -8,6 +8,7 @@ import numpy as np
 
 from silint.basis import Basis
 from silint.core.integrands.octahedral_sh import table_bytes
+from silint.core.integrands.radial_light import cells_a_line
 from silint.core.integrands.radial_sh import enough_lines
 from silint.core.sh import moment_degree
 from silint.environment import Environment
@@ -31,7 +32,7 @@ REQUESTS = (
 )
 
 # Those that have no closed form along radial isolines.
-_OCTAHEDRAL = ("irradiance", "visibility", "sh_lighting", "integrate")
+_OCTAHEDRAL = ("visibility", "sh_lighting", "integrate")
 
 
 def memory(finder: VisibleFinder) -> dict[str, int]:
@@ -110,10 +111,10 @@ def request_plan(
     if max_degree is None:
         max_degree = 2 if request == "sh_lighting" else 4
     degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-    if method == "exact" and (request not in _OCTAHEDRAL or request == "visibility"):
+    if method == "exact" and request not in ("irradiance", "sh_lighting", "integrate"):
         return exact_plan(finder, request, weighting, degree)
     if method != "octahedral" and request not in _OCTAHEDRAL:
-        return radial_plan(finder, request, isolines, weighting, degree)
+        return radial_plan(finder, request, isolines, weighting, degree, environment)
     functions = None if basis is None or request != "integrate" else Basis(basis, weighting)
     return octahedral_plan(finder, request, isolines, weighting, degree, environment, functions)
 
@@ -161,14 +162,22 @@ def octahedral_plan(
     )
 
 
-def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: str, max_degree: int) -> Plan:
+def radial_plan(
+    finder: VisibleFinder,
+    request: str,
+    isolines: int,
+    weighting: str,
+    max_degree: int,
+    environment: Environment | None = None,
+) -> Plan:
     """What a request needs on radial isolines."""
     cover = finder.cover
     n_lines = enough_lines(isolines, max_degree if request == "sh_transfer" else 0)
     searches = tuple(
         Part(part.name, False, "covering needs no contours") if cover else part for part in _searches(finder)
     )
-    integrand = "n.w" if weighting == "cosine" or request in ("sky_view_factor", "bent_normals") else "1"
+    cosine = weighting == "cosine" or request in ("sky_view_factor", "bent_normals", "irradiance")
+    integrand = "n.w" if cosine else "1"
     if request == "sh_transfer":
         integrand = f"harmonics to degree {moment_degree(max_degree, weighting)}"
     return Plan(
@@ -191,6 +200,7 @@ def radial_plan(finder: VisibleFinder, request: str, isolines: int, weighting: s
             ),
             Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
             _rotation(request, max_degree),
+            *_cells(request, n_lines, environment),
             _second_horizon(request),
         ),
     )
@@ -275,6 +285,24 @@ def _basis(request: str, isolines: int, weighting: str, basis: Basis | None) -> 
     columns = basis.channels * times
     told = f"{columns} column{'s' if columns > 1 else ''} for {basis.channels} of {basis.described}"
     return Part(name, True, f"{told}: {why}; one table serves all normals", basis.table_bytes(lines))
+
+
+def _cells(request: str, n_lines: int, environment: Environment | None) -> tuple[Part, Part]:
+    """Light along radial lines: the map in cells, and what is too small for them."""
+    sky, sun = "sky in cells", "small sources"
+    if request != "irradiance":
+        return Part(sky, False, f"{request} has no light"), Part(sun, False, f"{request} has no light")
+    if environment is not None and environment.is_constant:
+        why = "a constant environment: pi L times ambient occlusion"
+        return Part(sky, False, why), Part(sun, False, why)
+    cells = f"{cells_a_line(n_lines)} a line, of an octahedral pyramid; irradiance without occluders"
+    if environment is None:
+        return Part(sky, True, cells), Part(
+            sun, True, "where the map has any; a line passes through the first"
+        )
+    n_discs, size = environment.radial_parts
+    why = f"{n_discs} discs; a line of each point passes through the first" if n_discs else "the map has none"
+    return Part(sky, True, cells, size), Part(sun, n_discs > 0, why)
 
 
 def _harmonics(request: str, isolines: int, weighting: str, max_degree: int) -> Part:

@@ -14,7 +14,7 @@ from silint.core.contour import CONTOURS, CROSSINGS, EDGES, NODES, SNAPPED
 from silint.core.face_bundles import build_face_bundles
 from silint.core.jit import KERNEL_LOCK
 from silint.core.lift import lift_points
-from silint.core.radial import RadialIntervals
+from silint.core.radial import NO_AIM, RadialIntervals
 from silint.core.search import TILE
 from silint.core.visible import (
     Bundles,
@@ -167,7 +167,12 @@ class VisibleFinder:
                 size = _next_size(size, TILE, capacity, time.perf_counter() - began)
 
     def radial(
-        self, p: FloatArray, n: FloatArray, isolines: int, progress: Progress | None
+        self,
+        p: FloatArray,
+        n: FloatArray,
+        isolines: int,
+        progress: Progress | None,
+        aim: FloatArray = NO_AIM,
     ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int64]]]:
         """Visible intervals on radial isolines of groups of points, what was counted, and their rows."""
         capacity, done = 2 * _PER_BLOCK * isolines, 0
@@ -187,6 +192,7 @@ class VisibleFinder:
                         _PER_BLOCK,
                         capacity,
                         cover,
+                        aim,
                     )
                 if isinstance(found, int):
                     capacity = found + found // 4

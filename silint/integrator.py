@@ -10,6 +10,7 @@ import numpy.typing as npt
 from silint import gradients
 from silint.core.integrands import arcs as along_arcs
 from silint.core.integrands import arcs_sh, fractions, octahedral_sh, radial, radial_sh
+from silint.core.radial import NO_AIM
 from silint.environment import Environment
 from silint.evaluate import MAX_ISOLINES, METHODS, Integrand, evaluate
 from silint.explain import memory, request_plan, scene_plan
@@ -247,10 +248,12 @@ class SilhouetteIntegrator(TabulatedQueries):
         Parameters
         ----------
         environment : Environment
-            Tabulated once for a number of isolines and kept; one table serves all normals. An isoline stands
-            for a strip of the sky 2 / isolines wide: where a sun is half hidden, few isolines show as bands.
-        method : {"auto", "octahedral"}
-            Light from any direction has no closed form along radial isolines.
+            Prepared once and kept.
+        method : {"auto", "octahedral", "radial"}
+            Radial isolines sum the map in cells; small bright sources are taken out of it, and a line of each
+            point passes through the brightest, so that the edge of its shadow is exact. They are 2 to 4 times
+            cheaper, and tables end their error at 5e-4. Octahedral isolines sum every texel, each in a strip
+            of the sky 2 / isolines wide: where a sun is half hidden, few show as bands. "auto" takes radial.
         tolerance : float, optional
             In units of irradiance, of the channel that needs it most.
 
@@ -264,14 +267,20 @@ class SilhouetteIntegrator(TabulatedQueries):
                 f"environment is a {type(environment).__name__}; expected a silint.Environment "
                 "(Environment.from_file, .from_array, .constant, ...)"
             )
-        choice(method, "method", ("auto", "octahedral"))
-        most = min(environment.most_isolines, MAX_ISOLINES)
+        choice(method, "method", ("auto", "octahedral", "radial"))
+        octahedral = method == "octahedral"
+        most = min(environment.most_isolines, MAX_ISOLINES) if octahedral else MAX_ISOLINES
         if tolerance is None:
             positive_int(64 if isolines is None else isolines, "isolines", 1, most)
-        integrand = Integrand((3,), lambda v: v._irradiance(environment), None, None, most)
-        return self._integrate(
-            integrand, points, normals, isolines, "octahedral", tolerance, full_output, progress
+        integrand = Integrand(
+            (3,),
+            lambda v: v._irradiance(environment),
+            environment.radial_irradiance,
+            None,
+            most,
+            aim=NO_AIM if octahedral else environment.aim,
         )
+        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
 
     def visibility(
         self,

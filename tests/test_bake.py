@@ -86,7 +86,14 @@ def test_a_map_file_lights_a_bake(folder):
     sky = folder / "grey.hdr"
     texel = bytes([128, 128, 128, 129])  # 2^(129 - 128) * 128 / 256 = 1
     sky.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + texel * 32)
-    bake(folder / "scene.obj", folder / "lit.npz", "irradiance", isolines=16, environment=sky)
+    bake(
+        folder / "scene.obj",
+        folder / "lit.npz",
+        "irradiance",
+        isolines=16,
+        method="octahedral",
+        environment=sky,
+    )
     bake(folder / "scene.obj", folder / "open.npz", "ao", isolines=16, method="octahedral")
     lit, ao = read_values(folder / "lit.npz", "irradiance"), read_values(folder / "open.npz", "ao")
     used = lit.any(axis=1) | (ao < 1.0)

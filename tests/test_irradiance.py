@@ -13,6 +13,7 @@ from silint import Environment, InputError, Scene, SilhouetteIntegrator
 from silint.reference import embree_available
 from silint.validation import rotation_matrix
 
+FAMILY = "octahedral"  # radial isolines: test_radial_light.py
 SUN = np.array([0.48, 0.6, 0.64])
 
 
@@ -53,8 +54,8 @@ def question(scene: SilhouetteIntegrator) -> tuple[np.ndarray, np.ndarray]:
 def test_a_constant_environment_gives_pi_l_times_ambient_occlusion(
     scene: SilhouetteIntegrator, question: Any, radiance: Any, isolines: int
 ) -> None:
-    got = scene.irradiance(*question, Environment.constant(radiance), isolines=isolines)
-    ao = scene.ambient_occlusion(*question, isolines=isolines, method="octahedral")
+    got = scene.irradiance(*question, Environment.constant(radiance), isolines, FAMILY)
+    ao = scene.ambient_occlusion(*question, isolines=isolines, method=FAMILY)
     want = np.pi * ao[:, None] * np.broadcast_to(radiance, 3)
     np.testing.assert_allclose(got, want, rtol=1e-12, atol=1e-14)
 
@@ -63,7 +64,7 @@ def test_nothing_reaches_a_closed_room() -> None:
     vertices, faces = polyhedra.closed_room()
     room = SilhouetteIntegrator(Scene(vertices, faces))
     p = vertices.mean(axis=0)[None] + [[0.1, 0.05, -0.02]]
-    assert room.irradiance(p, [[0.3, -0.5, 0.8]], sunny()).max() == 0.0
+    assert room.irradiance(p, [[0.3, -0.5, 0.8]], sunny(), method=FAMILY).max() == 0.0
 
 
 def test_open_sky_is_the_map_s_own_irradiance() -> None:
@@ -75,7 +76,7 @@ def test_open_sky_is_the_map_s_own_irradiance() -> None:
     p = np.full((40, 3), 50.0)
     want = environment.irradiance(n)
     for isolines, tolerance in ((64, 1e-3), (256, 1e-4)):
-        got = far.irradiance(p, n, environment, isolines=isolines)
+        got = far.irradiance(p, n, environment, isolines, FAMILY)
         assert np.abs(got / want - 1.0).max() < tolerance
 
 
@@ -112,7 +113,7 @@ def test_against_rays_to_every_part_of_every_texel(
         origins = np.broadcast_to(p[i], w[up].shape).astype(np.float32)
         hit = rays.run(origins, w[up].astype(np.float32), query="OCCLUDED") >= 0
         want[i] = ((w[up] @ n[i])[:, None] * light[up])[~hit].sum(axis=0)
-    got = scene.irradiance(p, n, environment, isolines=512)
+    got = scene.irradiance(p, n, environment, 512, FAMILY)
     # Texels' parts that a silhouette crosses: a thousandth of the light, as 256 x 512 samples have it; a sun
     # of eight texels counts for much more where a silhouette crosses it.
     scale = want.mean()
@@ -127,20 +128,22 @@ def test_turning_mesh_and_environment_together_changes_nothing(
     environment = Environment.from_function(smooth_light, 64)
     rotation = rotation_matrix(((0.3, -0.8, 0.5), 77.0), "turn")
     moved = SilhouetteIntegrator(Scene(turned(scene.scene.vertices, rotation), scene.scene.faces))
-    got = moved.irradiance(turned(p, rotation), turned(n, rotation), environment.rotated(rotation), 256)
-    want = scene.irradiance(p, n, environment, 256)
+    got = moved.irradiance(
+        turned(p, rotation), turned(n, rotation), environment.rotated(rotation), 256, FAMILY
+    )
+    want = scene.irradiance(p, n, environment, 256, FAMILY)
     assert np.sqrt(np.mean((got - want) ** 2)) < 2e-3 * want.mean()
 
 
 def test_value_is_the_same_alone_and_in_company(scene: SilhouetteIntegrator, question: Any) -> None:
     p, n = question
     environment = sunny()
-    together = scene.irradiance(p, n, environment, isolines=16)
+    together = scene.irradiance(p, n, environment, 16, FAMILY)
     order = np.random.default_rng(1).permutation(len(p))
     np.testing.assert_array_equal(
-        scene.irradiance(p[order], n[order], environment, isolines=16), together[order]
+        scene.irradiance(p[order], n[order], environment, 16, FAMILY), together[order]
     )
-    np.testing.assert_array_equal(scene.irradiance(p[3:4], n[3:4], environment, isolines=16), together[3:4])
+    np.testing.assert_array_equal(scene.irradiance(p[3:4], n[3:4], environment, 16, FAMILY), together[3:4])
 
 
 def test_grey_light_costs_one_channel_and_gives_three_columns(
@@ -151,7 +154,10 @@ def test_grey_light_costs_one_channel_and_gives_three_columns(
     assert (grey.channels, colours.channels) == (1, 3)
     assert grey.moment_table(16).table.values.shape[-1] == 3
     assert colours.moment_table(16).table.values.shape[-1] == 9
-    got, want = scene.irradiance(*question, grey, 16), scene.irradiance(*question, colours, 16)
+    got, want = (
+        scene.irradiance(*question, grey, 16, FAMILY),
+        scene.irradiance(*question, colours, 16, FAMILY),
+    )
     assert got.shape == want.shape == (len(question[0]), 3)
     np.testing.assert_allclose(got[:, 0], want[:, 0], rtol=1e-12)
     np.testing.assert_array_equal(got[:, 0], got[:, 2])
@@ -160,20 +166,20 @@ def test_grey_light_costs_one_channel_and_gives_three_columns(
 def test_the_same_from_kept_visibility(scene: SilhouetteIntegrator, question: Any) -> None:
     environment = sunny()
     kept = scene.visibility(*question, isolines=32)
-    direct = scene.irradiance(*question, environment, isolines=32)
+    direct = scene.irradiance(*question, environment, 32, FAMILY)
     np.testing.assert_array_equal(kept.irradiance(environment), direct)
     # Relit without looking at the scene again.
     other = environment.rotated(((0, 1, 0), 90.0))
-    np.testing.assert_array_equal(kept.irradiance(other), scene.irradiance(*question, other, isolines=32))
+    np.testing.assert_array_equal(kept.irradiance(other), scene.irradiance(*question, other, 32, FAMILY))
 
 
 def test_tolerance_and_full_output(scene: SilhouetteIntegrator, question: Any) -> None:
     environment = Environment.from_function(smooth_light, 64)
-    found = scene.irradiance(*question, environment, tolerance=0.02, full_output=True)
+    found = scene.irradiance(*question, environment, method=FAMILY, tolerance=0.02, full_output=True)
     assert found.value.shape == (len(question[0]), 3)
     assert found.error_estimate.max() <= 0.02
     assert found.diagnostics["above_tolerance"] == 0
-    best = scene.irradiance(*question, environment, isolines=1024)
+    best = scene.irradiance(*question, environment, 1024, FAMILY)
     assert (np.abs(found.value - best).max(axis=1) <= 0.02).mean() >= 0.95
 
 
@@ -193,7 +199,7 @@ def test_estimates_hold(scene: SilhouetteIntegrator, question: Any, environment:
 
 def test_what_is_built_and_left_out(scene: SilhouetteIntegrator) -> None:
     parts = {
-        name: scene.explain("irradiance", environment=environment).as_dict()["light table"]
+        name: scene.explain("irradiance", method=FAMILY, environment=environment).as_dict()["light table"]
         for name, environment in (("sun", sunny()), ("constant", Environment.constant(2.0)), ("none", None))
     }
     assert parts["sun"]["built"] and "9 columns" in parts["sun"]["reason"]
@@ -206,7 +212,7 @@ def test_what_is_built_and_left_out(scene: SilhouetteIntegrator) -> None:
     ("options", "told"),
     [
         ({"environment": np.ones((4, 8, 3))}, "environment is a ndarray; expected a silint.Environment"),
-        ({"method": "radial"}, "method is 'radial'"),
+        ({"method": "magic"}, "method is 'magic'"),
         ({"isolines": 0}, "isolines is 0"),
         ({"isolines": 16, "tolerance": 1e-2}, "isolines and tolerance given"),
     ],
@@ -221,6 +227,6 @@ def test_transfer_times_harmonics_is_irradiance_over_pi(scene: SilhouetteIntegra
     """Light of degree 2 is all in 9 numbers; both sides err by 512 isolines."""
     light = Environment.from_function(smooth_light, 128)
     transfer = scene.sh_transfer(*question, max_degree=2, isolines=512)
-    direct = scene.irradiance(*question, light, isolines=512)
+    direct = scene.irradiance(*question, light, 512, FAMILY)
     difference = np.pi * transfer @ light.sh(2) - direct
     assert np.sqrt(np.mean(difference**2)) < 1e-3 * direct.mean()

@@ -17,9 +17,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
-from silint.core.jit import FILTER, INNER, KERNEL
+from silint.core.jit import FILTER, INNER, KERNEL, PARALLEL
 
 # A vertex at the shade point itself is seen along -n; its distance only has to be small.
 AT_POINT = 2.0**-500
@@ -84,6 +84,10 @@ def normal_table(lines: np.ndarray) -> np.ndarray:
     return np.stack([along, -along / _G22], axis=1)
 
 
+NO_AIM = np.zeros(3)
+NO_AIM.setflags(write=False)
+
+
 class RadialIntervals(NamedTuple):
     """Visible intervals on the radial isolines of n points: what phase one knows, and phase two reads."""
 
@@ -113,6 +117,67 @@ def set_frame(n, frame):
     frame[2, 0] = _G20 * bx + _G21 * cx + _G22 * n[0]
     frame[2, 1] = _G20 * by + _G21 * cy + _G22 * n[1]
     frame[2, 2] = _G20 * bz + _G21 * cz + _G22 * n[2]
+
+
+@njit(**PARALLEL)
+def set_frames(normals, aim, n_lines, frames):
+    """Frames of many shade points, turned about their normals such that a line meets a direction.
+
+    Turned about the normal, a frame keeps where the normal lies in it, and with it the horizon's keys. A
+    direction off the normal by more than the axis is off the line next to the normal (2 degrees times pi / K)
+    comes to lie on that line to rounding; one closer comes as close as can be.
+
+    Parameters
+    ----------
+    normals : (n, 3) float64
+    aim : (3,) float64
+        Unit; zero for none. A point above whose horizon it does not lie keeps the frame of its normal.
+    n_lines : int
+    frames : (n, 3, 3) float64, out
+    """
+    step = 2.0 * np.pi / n_lines
+    phi = (np.floor(np.arctan2(_G12, _G02) / step) + 0.5) * step
+    t, m = np.cos(phi), np.sin(phi)
+    along = _G02 * t + _G12 * m
+    reach, rest = np.hypot(_G22, along), np.arctan2(along, _G22)
+    for i in prange(len(normals)):
+        n = normals[i, 0], normals[i, 1], normals[i, 2]
+        height = n[0] * aim[0] + n[1] * aim[1] + n[2] * aim[2]
+        set_frame(n, frames[i])
+        if height > 0.0:
+            # Where on the line the normal is as far away as it is from the direction.
+            theta = rest + np.arccos(min(height / reach, 1.0))
+            s, c = np.sin(theta), np.cos(theta)
+            _turn_frame(n, aim, (s * t, s * m, c), frames[i])
+
+
+@njit(**INNER)
+def _turn_frame(n, aim, wanted, frame):
+    """Turn a frame about the normal such that the azimuth of a direction is that of coordinates `wanted`."""
+    here = in_frame(aim[0], aim[1], aim[2], frame)
+    # Both, about the normal as it lies in the frame.
+    ax, ay, az = _off_normal(here[0], here[1], here[2])
+    bx, by, bz = _off_normal(wanted[0], wanted[1], wanted[2])
+    c = ax * bx + ay * by + az * bz
+    s = _G02 * (ay * bz - az * by) + _G12 * (az * bx - ax * bz) + _G22 * (ax * by - ay * bx)
+    length = np.hypot(c, s)
+    if length < 1e-12:
+        return
+    c, s = c / length, s / length
+    for j in range(3):
+        x, y, z = frame[0, j], frame[1, j], frame[2, j]
+        # The coordinates of the world's axes, turned about the normal by the angle (c, s) [Rodrigues].
+        d = (1.0 - c) * (_G02 * x + _G12 * y + _G22 * z)
+        frame[0, j] = c * x + s * (_G12 * z - _G22 * y) + d * _G02
+        frame[1, j] = c * y + s * (_G22 * x - _G02 * z) + d * _G12
+        frame[2, j] = c * z + s * (_G02 * y - _G12 * x) + d * _G22
+
+
+@njit(**INNER)
+def _off_normal(x, y, z):
+    """The part of coordinates across the normal."""
+    d = _G02 * x + _G12 * y + _G22 * z
+    return x - d * _G02, y - d * _G12, z - d * _G22
 
 
 @njit(**KERNEL)

@@ -35,7 +35,6 @@ from silint.core.lanes import WIDTH, lowest
 from silint.core.radial import (
     ROUGHNESS,
     rough_azimuth,
-    set_frame,
 )
 
 # What the box filter reads: p, n, T, M, A, slack, lines a radian.
@@ -265,10 +264,11 @@ def _cover(
 
 
 @njit(**INNER)
-def _cover_points(geometry, bundles, points, normals, lines, horizon, first, last, counts, starts, tally):
+def _cover_points(
+    geometry, bundles, points, normals, frames, lines, horizon, first, last, counts, starts, tally
+):
     """Visible intervals of the points [first, last), in one list."""
     n_lines = len(lines)
-    frame = np.empty((3, 3))
     view = np.empty(N_VIEW, np.float32)
     stack = np.empty((WIDTH * len(bundles.levels), 4), np.int32)
     stack_keys = np.empty((WIDTH * len(bundles.levels), _N_SEEN), np.float32)
@@ -286,7 +286,7 @@ def _cover_points(geometry, bundles, points, normals, lines, horizon, first, las
     for i in range(first, last):
         p = points[i, 0], points[i, 1], points[i, 2]
         n = normals[i, 0], normals[i, 1], normals[i, 2]
-        set_frame(n, frame)
+        frame = frames[i]
         set_view(p, n, frame, n_lines, view)
         while True:
             stride = len(opened) // n_lines
@@ -346,6 +346,7 @@ def covered_radial_intervals(
     faces,
     points,
     normals,
+    frames,
     lines,
     horizon,
     hands,
@@ -365,6 +366,8 @@ def covered_radial_intervals(
         With corners.
     points, normals : (n, 3) float64
         As for `radial_sweep.radial_intervals`, in any order.
+    frames : (n, 3, 3) float64
+        Rows T, M, A of each; see `radial.set_frames`.
     lines, horizon : (K, 2), (K,) float64
         See `radial.line_table` and `radial.normal_table`.
     hands : int
@@ -391,7 +394,7 @@ def covered_radial_intervals(
             continue
         first, last = block * per_block, min((block + 1) * per_block, n)
         found, n_found = _cover_points(
-            geometry, faces, points, normals, lines, horizon, first, last, counts, starts, tally
+            geometry, faces, points, normals, frames, lines, horizon, first, last, counts, starts, tally
         )
         needed[block] = n_found
         if n_found <= intervals.shape[1]:

@@ -17,7 +17,6 @@ from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
-from silint.core.radial import set_frame
 from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 from silint.core.zenith import zenith_count
 
@@ -104,10 +103,11 @@ def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts,
 
 
 @njit(**INNER)
-def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first, last, counts, starts, tally):
+def _sweep_tiles(
+    geometry, trees, faces, points, normals, frames, lines, horizon, first, last, counts, starts, tally
+):
     """Visible intervals of the points [first, last), tile by tile, in one list."""
     n_lines = len(lines)
-    frame = np.empty((3, 3))
     tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
     q, narrow = np.empty((TILE, N_POINT), np.float32), lines.astype(np.float32)
     search = new_search(8, 2048)
@@ -125,7 +125,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
-            set_frame(n, frame)
+            frame = frames[i]
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
             set_point(p, n, across, over, n_lines / (2.0 * np.pi), tile, q[i - tile_first])
         search = search_tile(
@@ -135,7 +135,7 @@ def _sweep_tiles(geometry, trees, faces, points, normals, lines, horizon, first,
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
-            set_frame(n, frame)
+            frame = frames[i]
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
             rounding = side_rounding(p)
             ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
@@ -207,6 +207,7 @@ def radial_intervals(
     faces,
     points,
     normals,
+    frames,
     lines,
     horizon,
     hands,
@@ -228,6 +229,8 @@ def radial_intervals(
     points, normals : (n, 3) float64
         In scaled units and already displaced; unit normals. Neighbours in the array should be neighbours in
         space, and alike in normal.
+    frames : (n, 3, 3) float64
+        Rows T, M, A of each; see `radial.set_frames`.
     lines, horizon : (K, 2), (K,) float64
         See `radial.line_table` and `radial.normal_table`.
     hands : int
@@ -258,6 +261,7 @@ def radial_intervals(
             faces,
             points,
             normals,
+            frames,
             lines,
             horizon,
             first,

@@ -14,7 +14,7 @@ from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
 from silint.core.face_bundles import FaceBundles, with_corners
 from silint.core.partition import aligned_order
-from silint.core.radial import RadialIntervals, line_table, normal_table
+from silint.core.radial import NO_AIM, RadialIntervals, line_table, normal_table, set_frames
 from silint.core.radial_cover import covered_radial_intervals
 from silint.core.radial_sweep import radial_intervals
 from silint.core.search import TILE
@@ -79,6 +79,7 @@ def find_radial(
     per_block: int,
     capacity: int,
     cover: bool,
+    aim: np.ndarray = NO_AIM,
 ) -> FoundRadial | int:
     """Visible intervals on radial isolines: sweep, and cover where counts fail; or cover all.
 
@@ -92,6 +93,9 @@ def find_radial(
         Points that a thread takes at a time, a multiple of TILE.
     capacity : int
         Intervals for which such a block has room.
+    aim : (3,) float64
+        Direction that a line of each point passes through; see `radial.set_frames`. Integrands have to be
+        told, unless they do not look at frames.
 
     Returns
     -------
@@ -100,6 +104,8 @@ def find_radial(
     n = len(points)
     lines = line_table(isolines)
     horizon = np.ascontiguousarray(normal_table(lines)[:, 1])
+    frames = np.empty((n, 3, 3))
+    set_frames(normals, aim, isolines, frames)
     counts, starts = np.empty((n, isolines), np.int32), np.empty(n, np.int64)
     blocks = -(-n // per_block)
     intervals, needed = np.empty((blocks, capacity, 2)), np.zeros(blocks, np.int64)
@@ -107,6 +113,7 @@ def find_radial(
     given = (
         points,
         normals,
+        frames,
         lines,
         horizon,
         get_num_threads(),
@@ -132,7 +139,7 @@ def find_radial(
     repaired: FoundRadial | int = 4 * per_block * isolines
     while isinstance(repaired, int):
         repaired = find_radial(
-            geometry, whole, points[failed], normals[failed], isolines, per_block, repaired, True
+            geometry, whole, points[failed], normals[failed], isolines, per_block, repaired, True, aim
         )
     more = repaired.visible
     counts[failed] = more.counts

@@ -87,11 +87,18 @@ def tables(n_lines: int) -> tuple[np.ndarray, np.ndarray]:
     return lines, np.ascontiguousarray(normal_table(lines)[:, 1])
 
 
+def frames(n: np.ndarray) -> np.ndarray:
+    found = np.empty((len(n), 3, 3))
+    for row, frame in zip(n, found, strict=True):
+        set_frame(row, frame)
+    return found
+
+
 def cover(
     topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, n_lines: int = K, per_block: int = 8
 ) -> Found:
     def run(*blocks: object) -> None:
-        covered_radial_intervals(topology, faces, p, n, *tables(n_lines), 2, *blocks)
+        covered_radial_intervals(topology, faces, p, n, frames(n), *tables(n_lines), 2, *blocks)
 
     return gathered(run, len(p), n_lines, per_block)
 
@@ -100,7 +107,7 @@ def sweep(topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, 
     contour, boundary, _ = build_edge_bundles(topology)
 
     def run(*blocks: object) -> None:
-        radial_intervals(topology, contour, boundary, faces, p, n, *tables(n_lines), 2, *blocks)
+        radial_intervals(topology, contour, boundary, faces, p, n, frames(n), *tables(n_lines), 2, *blocks)
 
     return gathered(run, len(p), n_lines, TILE)
 
