@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from silint.core.radial import NO_AIM, RadialIntervals
 from silint.core.texel_table import cells_per_quarter
 from silint.io.images import read_image
 from silint.radial_sky import RadialSky
-from silint.radiance_map import MOST_ROWS, clamped_radiance, map_array
+from silint.radiance_map import MOST_ROWS, Texels, clamped_radiance, map_array
 from silint.sh import MAX_DEGREE, project_samples
 from silint.skies import Sun, draw_sky
 from silint.validation import (
@@ -57,17 +57,6 @@ _FRAMES = {"y": np.eye(3), "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.
 _CONSTANT_HEIGHT = 64  # rows that a constant shows in `texels`
 _TABLES_KEPT = 4
 _CHUNK = 1 << 16  # texels projected to harmonics at a time
-
-
-class Texels(NamedTuple):
-    """A map as a list of small lights."""
-
-    directions: FloatArray
-    """(m, 3) unit, to the centres of the texels, in the frame of the scene."""
-    radiance: FloatArray
-    """(m, C)."""
-    solid_angle: FloatArray
-    """(m,) exact, in steradians; they sum to 4 pi."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from silint.validation import InputError
 
-__all__ = ["MOST_ROWS", "clamped_radiance", "map_array"]
+__all__ = ["MOST_ROWS", "Texels", "clamped_radiance", "map_array"]
 
+FloatArray = npt.NDArray[np.float64]
 MOST_ROWS = 1 << 15
+
+
+class Texels(NamedTuple):
+    """A map as a list of small lights."""
+
+    directions: FloatArray
+    """(m, 3) unit, to the centres of the texels, in the frame of the scene."""
+    radiance: FloatArray
+    """(m, C)."""
+    solid_angle: FloatArray
+    """(m,) exact, in steradians; they sum to 4 pi."""
 
 
 def map_array(data: npt.ArrayLike, argument: str) -> npt.NDArray[Any]:
