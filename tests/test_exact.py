@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from inspect import signature
 
 import numba
 import numpy as np
@@ -19,8 +18,9 @@ from scenes import polyhedra
 from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import concatenate
-from silint import Scene, SilhouetteIntegrator, integrator
+from silint import Scene, SilhouetteIntegrator
 from silint.reference.analytic_scenes import AnalyticScene, analytic_scenes
+from silint.validation import InputError
 from tests import exact_oracle as oracle
 from tests.exact_scenes import (
     CONTACT,
@@ -40,9 +40,7 @@ from tests.exact_scenes import (
 
 FORMULAS = closed_form_scenes()
 ORACLES = [*oracle_scenes(6), *reduced_scenes()]
-METHODS = getattr(integrator, "METHODS", ())
 
-needs_exact = pytest.mark.skipif("exact" not in METHODS, reason="the integrator has no exact mode yet")
 
 # A value is a sum of a few hundred arcs, each good to some 1e-16.
 ROUNDING = 1e-12
@@ -183,7 +181,6 @@ def ao(mesh: Mesh, p: np.ndarray, n: np.ndarray) -> np.ndarray:
     return SilhouetteIntegrator(Scene(*mesh)).ambient_occlusion(p, n, method="exact")
 
 
-@needs_exact
 @pytest.mark.parametrize("s", FORMULAS, ids=lambda s: s.name)
 def test_formulas(s: ExactScene) -> None:
     built = SilhouetteIntegrator(Scene(*s.mesh))
@@ -197,7 +194,6 @@ def test_formulas(s: ExactScene) -> None:
     np.testing.assert_allclose(found, expected(s), rtol=0, atol=tolerance)
 
 
-@needs_exact
 @pytest.mark.parametrize("query", QUERIES)
 @pytest.mark.parametrize("s", (*FORMULAS, *ORACLES), ids=lambda s: s.name)
 def test_the_oracle(s: ExactScene, query: str) -> None:
@@ -208,7 +204,6 @@ def test_the_oracle(s: ExactScene, query: str) -> None:
     np.testing.assert_allclose(found, integrate(of_oracle(s.name)), rtol=0, atol=tolerance)
 
 
-@needs_exact
 @pytest.mark.parametrize("s", ORACLES, ids=lambda s: s.name)
 def test_arcs_of_a_visibility(s: ExactScene) -> None:
     """Closed, in the layout agreed, and by themselves enough for everything."""
@@ -240,7 +235,6 @@ def test_arcs_of_a_visibility(s: ExactScene) -> None:
         assert (a * up).sum(axis=1).min(initial=0) > -1e-10
 
 
-@needs_exact
 @pytest.mark.parametrize("name", ["blocks", "blocks, any point", "soup", "slivers", "integer tangle"])
 def test_a_mesh_that_exists_twice_counts_once(name: str) -> None:
     s = next(s for s in ORACLES if s.name == name)
@@ -250,7 +244,6 @@ def test_a_mesh_that_exists_twice_counts_once(name: str) -> None:
     )
 
 
-@needs_exact
 @pytest.mark.parametrize("name", ["blocks, any point", "soup", "tangle", "moebius strip", "slivers"])
 def test_a_rotation_changes_nothing(name: str) -> None:
     s = next(s for s in ORACLES if s.name == name)
@@ -270,7 +263,6 @@ def threads() -> Callable[[int], None]:
     numba.set_num_threads(before)
 
 
-@needs_exact
 @pytest.mark.parametrize("query", QUERIES)
 def test_neither_order_nor_threads_change_a_bit(query: str, threads: Callable[[int], None]) -> None:
     mesh = clutter(1, 1)
@@ -286,7 +278,6 @@ def test_neither_order_nor_threads_change_a_bit(query: str, threads: Callable[[i
         np.testing.assert_array_equal(ask(built, s.points, s.normals), together)
 
 
-@needs_exact
 def test_failed_certificates_are_counted() -> None:
     mesh = clutter(1, 1)
     s = scene("clutter", mesh, random_rows(mesh, 20, 3))
@@ -299,7 +290,6 @@ def test_failed_certificates_are_counted() -> None:
     assert not np.asarray(result.error_estimate).max() > 1e-9
 
 
-@needs_exact
 @pytest.mark.parametrize("method", ["radial", "octahedral"])
 def test_isolines_converge_to_it(method: str) -> None:
     mesh = clutter(1, 1)
@@ -332,14 +322,12 @@ def check_boxes(mesh: Mesh, points: np.ndarray, normals: np.ndarray) -> None:
         np.testing.assert_allclose(turned, found, rtol=0, atol=EXACT)
 
 
-@needs_exact
 @settings(max_examples=60)
 @given(integer_boxes())
 def test_any_boxes(drawn: tuple[Mesh, np.ndarray, np.ndarray]) -> None:
     check_boxes(*drawn)
 
 
-@needs_exact
 @pytest.mark.slow
 @settings(max_examples=10_000)
 @given(integer_boxes())
@@ -347,7 +335,6 @@ def test_very_many_boxes(drawn: tuple[Mesh, np.ndarray, np.ndarray]) -> None:
     check_boxes(*drawn)
 
 
-@needs_exact
 @pytest.mark.slow
 @pytest.mark.parametrize("s", oracle_scenes(30), ids=lambda s: s.name)
 def test_many_points(s: ExactScene) -> None:
@@ -360,7 +347,6 @@ def test_many_points(s: ExactScene) -> None:
         )
 
 
-@needs_exact
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["clutter", "leaves"])
 def test_larger_scenes(name: str) -> None:
@@ -375,13 +361,11 @@ def test_larger_scenes(name: str) -> None:
     )
 
 
-@needs_exact
-def test_an_isoline_count_means_nothing_to_it() -> None:
-    assert "method" in signature(SilhouetteIntegrator.ambient_occlusion).parameters
+def test_it_takes_no_lines() -> None:
+    """An option that would do nothing is refused."""
     mesh = polyhedra.box()
     s = scene("box", mesh, random_rows(mesh, 5, 1))
     built = SilhouetteIntegrator(Scene(*mesh))
-    np.testing.assert_array_equal(
-        built.ambient_occlusion(s.points, s.normals, 8, method="exact"),
-        built.ambient_occlusion(s.points, s.normals, 64, method="exact"),
-    )
+    for query in (built.ambient_occlusion, built.visibility):
+        with pytest.raises(InputError, match="isolines given with method='exact'"):
+            query(s.points, s.normals, isolines=8, method="exact")

@@ -235,6 +235,9 @@ def test_full_output(integrator: SilhouetteIntegrator, shade: tuple, query: str,
         "buried",
         "swept_points",
         "covered_points",
+        "exact_points",
+        "second_frames",
+        "uncertified_points",
         "fallback_isolines",
         "snapped_sides",
         "nodes_visited",
@@ -317,11 +320,22 @@ def test_a_tolerance_is_met(scene: Callable, method: str) -> None:
 
 def test_what_no_number_of_lines_reaches_is_counted(integrator: SilhouetteIntegrator, shade: tuple) -> None:
     points, normals = shade[0][:3], shade[1][:3]
-    result = integrator.ambient_occlusion(points, normals, tolerance=1e-300, full_output=True)
+    result = integrator.ambient_occlusion(
+        points, normals, tolerance=1e-300, method="radial", full_output=True
+    )
     n_above = int((result.error_estimate > 1e-300).sum())
     assert result.diagnostics["above_tolerance"] == n_above > 0
     assert result.diagnostics["isolines"] == 4096
     np.testing.assert_array_equal(result.value, integrator.ambient_occlusion(points, normals, 4096))
+
+
+def test_points_that_need_many_lines_take_arcs(integrator: SilhouetteIntegrator, shade: tuple) -> None:
+    result = integrator.ambient_occlusion(*shade, tolerance=1e-9, full_output=True)
+    told = result.diagnostics
+    assert told["points"] == len(shade[0]) and 0 < told["exact_points"] <= told["points"]
+    assert told["above_tolerance"] == 0 and result.error_estimate.max() <= 1e-9
+    exact = integrator.ambient_occlusion(*shade, method="exact")
+    np.testing.assert_allclose(result.value, exact, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("query", QUERIES)

@@ -69,7 +69,7 @@ def fake(monkeypatch):
             progress(len(points) // 2, len(points))
             progress(len(points), len(points))
         value = stand_in(points, normals, max_degree)
-        counts = {"points": np.int64(len(points)), "isolines": isolines}
+        counts = {"points": np.int64(len(points)), "isolines": isolines or 64}
         return Result(value, np.zeros(len(points)), counts)
 
     monkeypatch.setattr(SilhouetteIntegrator, "sh_transfer", sh_transfer, raising=False)

@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numba, numpy as np
 from silint import Environment, Visibility, sh
 from silint.core.runs import horizon_runs
-from silint.visibility import prefix_table
+from silint import prefix_table
 
 rng = np.random.default_rng(0)
 normals = rng.normal(size=(400, 3))

@@ -146,6 +146,7 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, stat
                 edges[e, NORMAL + axis] = sign * lanes[(_N + axis) * WIDTH + i]
                 edges[e, START + axis] = lanes[(start + axis) * WIDTH + i]
                 edges[e, END + axis] = lanes[(end + axis) * WIDTH + i]
+            _straighten(e, edges)
             edges[e, ALONG], edges[e, ACROSS] = lanes[_CIRCLE * WIDTH + i], lanes[(_CIRCLE + 1) * WIDTH + i]
             edges[e, LOW], edges[e, HIGH], edges[e, STEEP] = -np.inf, np.inf, 0.0
             if abs(key_b - key_a) < _NARROW or abs(key_b - key_a) > 2.0 * np.pi - _NARROW:
@@ -160,3 +161,18 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, stat
             key[2 * e], key[2 * e + 1] = (key_a, key_b) if left else (key_b, key_a)
             tie[2 * e], tie[2 * e + 1] = (tie_a, tie_b) if left else (tie_b, tie_a)
             code[2 * e], code[2 * e + 1] = 2 * e, 2 * e + 1
+
+
+@njit(**INNER)
+def _straighten(e, edges):
+    """Make the normal of an edge perpendicular to its start; zero where nothing is known of it.
+
+    The normal of an edge that subtends d is off by rounding / d, in all directions.
+    """
+    a, b, c = edges[e, START], edges[e, START + 1], edges[e, START + 2]
+    x, y, z = edges[e, NORMAL], edges[e, NORMAL + 1], edges[e, NORMAL + 2]
+    off = a * x + b * y + c * z
+    x, y, z = x - off * a, y - off * b, z - off * c
+    square = x * x + y * y + z * z
+    s = 1.0 / np.sqrt(square) if square > 0.5 else 0.0
+    edges[e, NORMAL], edges[e, NORMAL + 1], edges[e, NORMAL + 2] = s * x, s * y, s * z

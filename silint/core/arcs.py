@@ -197,9 +197,11 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
             if n_found + n_arcs > len(directions):
                 directions = grow_rows(directions, 2 * (n_found + n_arcs))
                 ids = grow_rows(ids, 2 * (n_found + n_arcs))
-            place_arcs(sweep.arcs, n_arcs, sweep.edges, sweep.state, seen, frame, directions, ids, n_found)
-            counts[i], starts[i] = n_arcs, n_found
-            n_found += n_arcs
+            end = place_arcs(
+                sweep.arcs, n_arcs, sweep.edges, sweep.state, seen, frame, directions, ids, n_found
+            )
+            counts[i], starts[i] = end - n_found, n_found
+            n_found = end
     return directions, ids, n_found
 
 

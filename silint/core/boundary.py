@@ -81,23 +81,27 @@ def show_horizon(key_a, key_b, t, m, u, v, normal, arcs, n):
 
 
 @njit(**INNER)
-def place_arcs(arcs, n_arcs, edges, state, normal, frame, directions, ids, first):
-    """Write arcs to rows from `first` on, in world axes and with the visible side on the left."""
+def place_arcs(arcs, n_arcs, edges, state, normal, frame, directions, ids, row):
+    """Write arcs to rows from `row` on, in world axes and with the visible side on the left.
+
+    Those of edges seen end on, which have no plane and no length, are left out. Returns the row after the
+    last.
+    """
     for i in range(n_arcs):
-        row = first + i
         e, side = int(arcs[i, _EDGE]), arcs[i, _ON]
-        if e < 0:
-            x, y, z = normal
-            ids[row, 0], ids[row, 1] = -1, -1
-        else:
+        x, y, z = normal
+        v_from, v_to = np.int32(-1), np.int32(-1)
+        if e >= 0:
             x, y, z = side * edges[e, NORMAL], side * edges[e, NORMAL + 1], side * edges[e, NORMAL + 2]
-            ids[row, 0], ids[row, 1] = (
-                state[e, FROM if side > 0.0 else TO],
-                state[e, TO if side > 0.0 else FROM],
-            )
+            v_from, v_to = state[e, FROM], state[e, TO]
+        if x == 0.0 and y == 0.0 and z == 0.0:
+            continue
         a, b = (_FROM, _TO) if side > 0.0 else (_TO, _FROM)
+        ids[row, 0], ids[row, 1] = (v_from, v_to) if side > 0.0 else (v_to, v_from)
         for k in range(3):
             f, g, h = frame[0, k], frame[1, k], frame[2, k]
             directions[row, k] = f * arcs[i, a] + g * arcs[i, a + 1] + h * arcs[i, a + 2]
             directions[row, 3 + k] = f * arcs[i, b] + g * arcs[i, b + 1] + h * arcs[i, b + 2]
             directions[row, 6 + k] = f * x + g * y + h * z
+        row += 1
+    return row
