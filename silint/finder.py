@@ -19,6 +19,7 @@ from silint.core.search import TILE
 from silint.core.visible import (
     Bundles,
     VisibleIntervals,
+    arc_room,
     cover_visible,
     find_arcs,
     find_radial,
@@ -47,6 +48,7 @@ _CHUNK_BYTES = 1 << 28
 _TILED_POINTS = 1 << 17
 # Points that a thread takes at a time.
 _PER_BLOCK = 8 * TILE
+_ARCS_PER_BLOCK = 2 * TILE
 
 
 class VisibleFinder:
@@ -59,6 +61,7 @@ class VisibleFinder:
             contour, boundary, self.flat_edges = build_edge_bundles(self.geometry)
             self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry, corners=False))
         self._cover: bool | None = None
+        self._arc_capacity = _ARCS_PER_BLOCK * 256  # arcs for which a block has room
 
     @property
     def cover(self) -> bool:
@@ -215,20 +218,27 @@ class VisibleFinder:
     def arcs(
         self, p: FloatArray, n: FloatArray, progress: Progress | None
     ) -> Iterator[tuple[Arcs, npt.NDArray[np.bool_], dict[str, int], npt.NDArray[np.int64]]]:
-        """Boundary arcs of groups of points, whether they are certain, what was counted, and the rows."""
-        capacity, done = _PER_BLOCK * 256, 0
+        """Boundary arcs of groups of points, whether they are certain, what was counted, and the rows.
+
+        The arcs of a group stand where those of the next will: they have to be read before it is asked for.
+        """
+        done, room = 0, arc_room(0, 0)
         for points, normals, rows in self._in_tiles(p, n):
-            first, size = 0, 2 * _PER_BLOCK
+            first, size = 0, 4 * _ARCS_PER_BLOCK
             while first < len(rows):
                 group = slice(first, min(first + size, len(rows)))
+                blocks, capacity = -(-(group.stop - first) // _ARCS_PER_BLOCK), self._arc_capacity
+                if room.directions.shape[0] < blocks or room.directions.shape[1] < capacity:
+                    room = arc_room(blocks, capacity)
                 began = time.perf_counter()
                 with KERNEL_LOCK:
                     found = find_arcs(
-                        self.geometry, self.bundles, points[group], normals[group], _PER_BLOCK, capacity
+                        self.geometry, self.bundles, points[group], normals[group], _ARCS_PER_BLOCK, room
                     )
                 if isinstance(found, int):
-                    capacity = found + found // 4
-                    size = _next_size(size, _PER_BLOCK, 5 * capacity, 1.0)
+                    # Of the finder, since what was learned once serves all queries; no value depends on it.
+                    self._arc_capacity = max(2 * found, self._arc_capacity)
+                    size = _next_size(size, _ARCS_PER_BLOCK, 5 * self._arc_capacity, 1.0)
                     continue
                 certain = found.frames > 0
                 totals = diagnose(None, len(certain), int((found.arcs.counts == 0).sum()), 0)
@@ -238,10 +248,10 @@ class VisibleFinder:
                 count_work(totals, found.tally)
                 yield found.arcs, certain, totals, rows[group]
                 first = group.stop
-                done += group.stop - group.start
+                done += len(certain)
                 if progress is not None:
                     progress(done, len(p))
-                size = _next_size(size, _PER_BLOCK, 5 * capacity, time.perf_counter() - began)
+                size = _next_size(size, _ARCS_PER_BLOCK, 5 * capacity, time.perf_counter() - began)
 
     def _in_tiles(
         self, p: FloatArray, n: FloatArray

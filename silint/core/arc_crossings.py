@@ -100,7 +100,7 @@ def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
 
 
 @njit(**INNER)
-def reorder(
+def _entangled(
     n_active,
     key_0,
     key_1,
@@ -119,10 +119,7 @@ def reorder(
     arcs,
     n,
 ):
-    """Sort the list by falling value; pairs that trade places have crossed since the last event.
-
-    Returns the number of arcs, and of crossings; -1 crossings where there is no room for them.
-    """
+    """Sort what is out of order in more than one place at a time; see `reorder`."""
     for i in range(n_active):
         copy[i] = active[i]
     crossings = 0
@@ -185,3 +182,103 @@ def reorder(
         if not done:
             break  # cannot be
     return n, crossings
+
+
+@njit(**INNER)
+def _in_pairs(value, n_active):
+    """Whether the list is sorted but for neighbours that trade places, each with one other only.
+
+    Mostly so, and mostly both are hidden: then it does not matter where they cross.
+    """
+    last, i = np.inf, 0
+    while i < n_active:
+        swapped = i + 1 < n_active and value[i] < value[i + 1]
+        if last < (value[i + 1] if swapped else value[i]):
+            return False
+        last = value[i]
+        i += 2 if swapped else 1
+    return True
+
+
+@njit(**INNER)
+def reorder(
+    n_active,
+    key_0,
+    key_1,
+    x,
+    y,
+    active,
+    above,
+    value,
+    along,
+    across,
+    copy,
+    pairs,
+    places,
+    edges,
+    state,
+    arcs,
+    n,
+):
+    """Sort the list by falling value; pairs that trade places have crossed since the last event.
+
+    Parameters
+    ----------
+    key_0, key_1 : float
+        Azimuths of both events; the second is above (x, y).
+    active, above, value, along, across, copy, pairs, places, edges, state, arcs
+        Those of the sweep.
+    n : int
+        Arcs so far.
+
+    Returns
+    -------
+    n : int
+        Arcs.
+    crossings : int
+        -1 where there is no room for them.
+    lowest : int
+        A bound of W from below, where it has changed.
+    """
+    crossings, lowest = 0, 0
+    if _in_pairs(value, n_active):
+        for i in range(n_active - 1):
+            if value[i] >= value[i + 1]:
+                continue
+            e, f = active[i], active[i + 1]
+            w, gain_e, gain_f = above[i], state[e, GAIN], state[f, GAIN]
+            side_f, side_e = visible_side(w, gain_f), visible_side(w + gain_f, gain_e)
+            if state[e, SIDE] != side_e or state[f, SIDE] != side_f:
+                _, px, py, pz, exact = _crossing(e, f, key_0, key_1, x, y, edges)
+                n = _cross(i, px, py, pz, exact, active, above, edges, state, arcs, n)
+            else:
+                active[i], active[i + 1] = f, e
+                above[i + 1] = w + gain_f
+            lowest = min(lowest, above[i + 1])
+            value[i], value[i + 1] = value[i + 1], value[i]
+            along[i], along[i + 1] = along[i + 1], along[i]
+            across[i], across[i + 1] = across[i + 1], across[i]
+            crossings += 1
+        return n, crossings, lowest
+    n, crossings = _entangled(
+        n_active,
+        key_0,
+        key_1,
+        x,
+        y,
+        active,
+        above,
+        value,
+        along,
+        across,
+        copy,
+        pairs,
+        places,
+        edges,
+        state,
+        arcs,
+        n,
+    )
+    for i in range(n_active):
+        lowest = min(lowest, above[i])
+    return n, crossings, lowest

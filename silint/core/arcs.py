@@ -15,7 +15,6 @@ from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, turns_left
 from silint.core.arrangement import new_sweep, sweep_arcs
 from silint.core.boundary import place_arcs
-from silint.core.buffers import grow_rows
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
@@ -49,7 +48,7 @@ def _turn_frame(frame):
 
 
 @njit(**INNER)
-def axis_count(geometry, face_ids, n_along, p, n, frame, rounding):
+def axis_count(vertices, faces, face_planes, planes, plane_errors, face_ids, n_along, p, n, frame, rounding):
     """W along the axis of the frame: the faces that wind round it and leave the depth count as edges say.
 
     With the azimuths and directions of arc_edges, so that this count and the sweep cannot disagree.
@@ -57,43 +56,70 @@ def axis_count(geometry, face_ids, n_along, p, n, frame, rounding):
     count = 0
     for i in range(n_along):
         f = face_ids[i]
-        winding = 0
-        for j in range(3):
-            winding += _passes_start(
-                geometry.vertices, geometry.faces[f, j], geometry.faces[f, (j + 1) % 3], p, n, frame
-            )
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        at, am, _, _ = local_vertex(vertices, a, p, n, frame)
+        bt, bm, _, _ = local_vertex(vertices, b, p, n, frame)
+        ct, cm, _, _ = local_vertex(vertices, c, p, n, frame)
+        # Clearly beside the axis.
+        if (
+            min(at, bt, ct) > rounding
+            or max(at, bt, ct) < -rounding
+            or min(am, bm, cm) > rounding
+            or max(am, bm, cm) < -rounding
+        ):
+            continue
+        key_a, key_b, key_c = azimuth(at, am), azimuth(bt, bm), azimuth(ct, cm)
+        winding = _passes_start(vertices, a, b, at, am, bt, bm, key_a, key_b, frame)
+        winding += _passes_start(vertices, b, c, bt, bm, ct, cm, key_b, key_c, frame)
+        winding += _passes_start(vertices, c, a, ct, cm, at, am, key_c, key_a, frame)
         if winding == 0:
             continue
-        code = geometry.face_planes[f]
+        code = face_planes[f]
         k = max(code, ~code)
-        side = plane_side(geometry.planes, k, geometry.plane_errors[k] + rounding, p, n)
+        side = plane_side(planes, k, plane_errors[k] + rounding, p, n)
         count += (winding < 0) == ((side > 0) == (code >= 0))
     return count
 
 
 @njit(**INNER)
-def _passes_start(vertices, a, b, p, n, frame):
+def _passes_start(vertices, a, b, at, am, bt, bm, key_a, key_b, frame):
     """+1 where the arc from a to b passes azimuth 0 to the left, -1 to the right, else 0."""
-    sign = 1
     if a > b:
-        a, b, sign = b, a, -1
-    at, am, _, _ = local_vertex(vertices, a, p, n, frame)
-    bt, bm, _, _ = local_vertex(vertices, b, p, n, frame)
+        return -_passes_start_up(vertices, b, a, bt, bm, key_b, key_a, frame)
+    return _passes_start_up(vertices, a, b, at, am, key_a, key_b, frame)
+
+
+@njit(**INNER)
+def _passes_start_up(vertices, a, b, at, am, key_a, key_b, frame):
     et, em, _ = in_frame(
         vertices[b, 0] - vertices[a, 0],
         vertices[b, 1] - vertices[a, 1],
         vertices[b, 2] - vertices[a, 2],
         frame,
     )
-    key_a, key_b = azimuth(at, am), azimuth(bt, bm)
     if turns_left(key_a, key_b, at * em - am * et):
-        return sign if key_b < key_a else 0
-    return -sign if key_a < key_b else 0
+        return 1 if key_b < key_a else 0
+    return -1 if key_a < key_b else 0
 
 
 @njit(**INNER)
-def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts, starts, frames, tally):
-    """Arcs of the points [first, last), tile by tile, in one list."""
+def _arcs_of_tiles(
+    geometry,
+    trees,
+    faces,
+    points,
+    normals,
+    first,
+    last,
+    counts,
+    starts,
+    frames,
+    directions,
+    ids,
+    tally,
+):
+    """Arcs of the points [first, last), tile by tile; those beyond the room for them are only counted."""
+    vertices = geometry.vertices
     frame = np.empty((3, 3))
     tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
     q, no_lines = np.empty((TILE, N_POINT), np.float32), np.empty((0, 2), np.float32)
@@ -104,7 +130,6 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
     capacity, n_pairs, n_arcs, n_found = np.int64(1024), np.int64(64), np.int64(2048), np.int64(0)
     contours = np.empty((capacity, 3), np.int32)
     sweep = new_sweep(capacity, n_pairs, n_arcs)
-    directions, ids = np.empty((8192, 9)), np.empty((8192, 2), np.int32)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
@@ -132,7 +157,7 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                 tree = trees[which]
                 lo, hi = ends[i - tile_first, which], ends[i - tile_first, which + 1]
                 n_edges = decide_contours(
-                    geometry.vertices,
+                    vertices,
                     geometry.planes,
                     geometry.plane_errors,
                     tree.ends,
@@ -166,9 +191,21 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                     if n_along <= len(face_ids):
                         break
                     face_ids = np.empty(2 * n_along, np.int32)
-                w = axis_count(geometry, face_ids, n_along, p, n, frame, rounding)
+                w = axis_count(
+                    vertices,
+                    geometry.faces,
+                    geometry.face_planes,
+                    geometry.planes,
+                    geometry.plane_errors,
+                    face_ids,
+                    n_along,
+                    p,
+                    n,
+                    frame,
+                    rounding,
+                )
                 direct_edges(
-                    geometry.vertices,
+                    vertices,
                     contours,
                     n_edges,
                     p,
@@ -182,7 +219,7 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                     sweep.tie,
                 )
                 seen = in_frame(n[0], n[1], n[2], frame)
-                n_arcs, is_sound, crossings = sweep_arcs(sweep, n_edges, len(geometry.vertices), w, seen)
+                n_arcs, is_sound, crossings = sweep_arcs(sweep, n_edges, len(vertices), w, seen)
                 if is_sound < 0 or n_arcs > len(sweep.arcs):
                     # Once more, with more room.
                     n_pairs = 4 * n_pairs if is_sound < 0 else n_pairs
@@ -194,15 +231,14 @@ def _arcs_of_tiles(geometry, trees, faces, points, normals, first, last, counts,
                     break
             frames[i] = 0 if is_sound == 0 else 1 + attempt
             tally[i, CROSSINGS] += crossings
-            if n_found + n_arcs > len(directions):
-                directions = grow_rows(directions, 2 * (n_found + n_arcs))
-                ids = grow_rows(ids, 2 * (n_found + n_arcs))
-            end = place_arcs(
-                sweep.arcs, n_arcs, sweep.edges, sweep.state, seen, frame, directions, ids, n_found
-            )
+            end = n_found + n_arcs
+            if end <= len(directions):
+                end = place_arcs(
+                    sweep.arcs, n_arcs, sweep.edges, sweep.state, seen, frame, directions, ids, n_found
+                )
             counts[i], starts[i] = end - n_found, n_found
             n_found = end
-    return directions, ids, n_found
+    return n_found
 
 
 @njit(**PARALLEL)
@@ -244,7 +280,7 @@ def boundary_arcs(
     directions, edges : (blocks, capacity, 9) float64, (blocks, capacity, 2) int32, out
         See Arcs; tightly packed within a block.
     needed : (blocks,) int64, out
-        Arcs of each block; a block that needs more than the capacity is left unwritten.
+        Arcs of each block, or a little more; where that exceeds the capacity, not all of them are written.
     tally : (n, N_TALLY) int64, zero, out
     """
     n, n_blocks = len(points), len(directions)
@@ -255,7 +291,7 @@ def boundary_arcs(
         if block >= n_blocks:
             continue
         first, last = block * per_block, min((block + 1) * per_block, n)
-        found, ids, n_found = _arcs_of_tiles(
+        needed[block] = _arcs_of_tiles(
             geometry,
             (contour, boundary),
             faces,
@@ -266,11 +302,7 @@ def boundary_arcs(
             counts,
             starts,
             frames,
+            directions[block],
+            edges[block],
             tally,
         )
-        needed[block] = n_found
-        if n_found <= directions.shape[1]:
-            for j in range(n_found):
-                for k in range(9):
-                    directions[block, j, k] = found[j, k]
-                edges[block, j, 0], edges[block, j, 1] = ids[j, 0], ids[j, 1]

@@ -262,7 +262,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
                 value[k] = z
                 position = min(position, k)
         if _out_of_order(value, n_active):
-            n, crossings = reorder(
+            n, crossings, low = reorder(
                 n_active,
                 key_0,
                 key_1,
@@ -288,7 +288,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             for i in range(first, last):
                 if code[i] & 1:
                     position = min(position, _place_of(code[i] >> 1, n_active, active))
-            lowest = min(lowest, _lowest(above, n_active))
+            lowest = min(lowest, low)
         if lowest < 0:
             if key_1 - key_0 > _NEGATIVE and _negative(
                 n_active, bottom, np.sqrt(x * x + y * y), above, value
@@ -375,7 +375,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
         for k in range(n_active):
             value[k] = _within(active[k], value[k], 1.0, edges)
         if _out_of_order(value, n_active):
-            n, crossings = reorder(
+            n, crossings, low = reorder(
                 n_active,
                 key_0,
                 2.0 * np.pi,

@@ -160,13 +160,25 @@ class FoundArcs(NamedTuple):
     frames: np.ndarray  # (n,) int8: the frame that gave them, 1 or 2; 0 where both contradicted themselves
 
 
+class ArcRoom(NamedTuple):
+    """Room for the arcs of some blocks of points; it may be used again once they have been read."""
+
+    directions: np.ndarray  # (blocks, capacity, 9) float64
+    edges: np.ndarray  # (blocks, capacity, 2) int32
+
+
+def arc_room(blocks: int, capacity: int) -> ArcRoom:
+    """Room for so many arcs a block."""
+    return ArcRoom(np.empty((blocks, capacity, 9)), np.empty((blocks, capacity, 2), np.int32))
+
+
 def find_arcs(
     geometry: Topology,
     bundles: Bundles,
     points: np.ndarray,
     normals: np.ndarray,
     per_block: int,
-    capacity: int,
+    room: ArcRoom,
 ) -> FoundArcs | int:
     """Boundary arcs of what points see.
 
@@ -176,17 +188,16 @@ def find_arcs(
         In scaled units, lifted, in tile order; unit normals.
     per_block : int
         Points that a thread takes at a time, a multiple of TILE.
-    capacity : int
-        Arcs for which such a block has room.
+    room : ArcRoom
+        For all blocks; what is found stands in it.
 
     Returns
     -------
-    FoundArcs, or the capacity that is needed
+    FoundArcs, or the arcs a block that there has to be room for
     """
     n = len(points)
-    blocks = -(-n // per_block)
+    blocks, capacity = -(-n // per_block), room.directions.shape[1]
     counts, starts, frames = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int8)
-    directions, edges = np.empty((blocks, capacity, 9)), np.empty((blocks, capacity, 2), np.int32)
     needed, tally = np.zeros(blocks, np.int64), np.zeros((n, N_TALLY), np.int64)
     boundary_arcs(
         geometry,
@@ -198,15 +209,15 @@ def find_arcs(
         counts,
         starts,
         frames,
-        directions,
-        edges,
+        room.directions[:blocks],
+        room.edges[:blocks],
         needed,
         tally,
     )
     if needed.max(initial=0) > capacity:
         return int(needed.max())
     starts += capacity * (np.arange(n) // per_block)
-    arcs = Arcs(points, normals, counts, starts, directions.reshape(-1, 9), edges.reshape(-1, 2))
+    arcs = Arcs(points, normals, counts, starts, room.directions.reshape(-1, 9), room.edges.reshape(-1, 2))
     return FoundArcs(arcs, tally.sum(axis=0), frames)
 
 
