@@ -1,6 +1,7 @@
 """The exact mode beside Embree: what a point costs, and what gradients add.
 
     python benchmarks/exact.py [SCENE ...] [--assets DIR] [--output docs/exact_speed.md] [--json FILE]
+    python benchmarks/exact.py --figure docs/speed   # nothing is measured: the times join speed.json's figure
 
 One process, in turns, medians of rounds, all threads on both sides. Points come in runs of neighbours
 spread over the scene, as in a bake. Aims: at most the time of 4096 Embree rays on clutter 9k and 31k, three
@@ -21,6 +22,7 @@ import numpy as np
 from common import InputError, fail, find, load, markdown, write
 
 import silint
+from silint.bench import plot
 from silint.bench.measure import in_company
 from silint.bench.sites import shade_sites
 from silint.reference import EmbreeQMC, embree_points
@@ -40,7 +42,11 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--output", help="a markdown file")
     parser.add_argument("--json", help="a file for the figures")
+    parser.add_argument("--figure", help="of speed.py, path without suffix: draw it with the times of --json")
     options = parser.parse_args()
+    if options.figure:
+        draw(Path(options.figure), Path(options.json or "docs/exact_speed.json"))
+        return
     rows = []
     for name in options.scenes:
         try:
@@ -92,6 +98,16 @@ def measure(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "second_frames": told["second_frames"],
         "uncertified": told["uncertified_points"],
     }
+
+
+def draw(figure: Path, times: Path) -> None:
+    """Error against time as speed.py draws it, with the time of the exact mode where it is known."""
+    found = json.loads(figure.with_suffix(".json").read_text(encoding="utf-8"))
+    exact = {row["scene"]: row["exact"] for row in json.loads(times.read_text(encoding="utf-8"))}
+    for scene in found["scenes"]:
+        if scene["name"] in exact:
+            scene["exact_us_per_point"] = exact[scene["name"]]
+    plot(found, figure.with_suffix(".png"))
 
 
 def report(rows: list[dict[str, Any]]) -> str:

@@ -35,7 +35,7 @@ __all__ = [
 
 QUANTITIES = ("ao", "sky", "bent", "irradiance")
 PER = ("vertex", "face")
-METHODS = ("auto", "octahedral", "radial")
+METHODS = ("auto", "octahedral", "radial", "exact")
 WEIGHTINGS = ("cosine", "uniform")
 
 Progress = Callable[[int, int], None]

@@ -199,6 +199,9 @@ def radial_plan(
                 else "the sweep costs less here; only for points whose counts contradict each other",
             ),
             Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
+            Part("arcs", False, "only for points that need more than 512 lines for a tolerance")
+            if request != "irradiance"
+            else Part("arcs", False, "light has no closed form along them"),
             _rotation(request, max_degree),
             *_cells(request, n_lines, environment),
             _second_horizon(request),

@@ -36,7 +36,8 @@ def plot(report: dict[str, Any], path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     report : dict
-        From `run_bench`, or read from a file of ``silint bench --json``.
+        From `run_bench`, or read from a file of ``silint bench --json``. Scenes that hold an
+        ``exact_us_per_point`` show that time too.
     path : str or path-like
         .png, .svg or .pdf.
     """
@@ -182,6 +183,11 @@ def _draw_scene(ax: Axes, scene: dict[str, Any], small: bool, legend: bool) -> N
         ax.axhspan(low, noise, color="0.92", zorder=0)
     ax.set_ylim(low, high)
     _draw_speedup(ax, scene)
+    if "exact_us_per_point" in scene:
+        # Its error is rounding, far below: an arrow at the time that it takes.
+        x, grey = scene["exact_us_per_point"], "0.3"
+        ax.axvline(x, color=grey, lw=1.2, ls=":", zorder=1, label="silint, exact")
+        ax.plot([x], [0.04], marker="v", ms=6, color=grey, transform=ax.get_xaxis_transform())
     if legend:
         ax.legend(frameon=False, fontsize=7 if small else 8, loc="upper right")
     ax.set_title(f"{scene['name']}: {scene['n_faces']:,} triangles", fontsize=9 if small else 10, loc="left")
