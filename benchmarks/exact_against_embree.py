@@ -3,7 +3,7 @@
     python benchmarks/exact_against_embree.py spot.obj clutter_9k --assets DIR --output docs/exact_embree.md
 
 Area samples (scans: vertices), displaced as far as Embree needs; Embree takes 64 independent scrambles of
-Sobol points each. `z rms` is the root mean square of the differences in standard errors: about 1 where nothing
+Sobol points each. `z rms` is the root mean square of differences in standard errors: about 1 where nothing
 but sampling separates the two. A point counts as different beyond the quantile that one of all points passes
 once in a hundred runs (Sidak); each is listed with what 4096 isolines of both families make of it.
 """
