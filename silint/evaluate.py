@@ -22,7 +22,8 @@ MAX_ISOLINES = 4096
 # Lines that a query with a tolerance starts with; doubled for the points that need it.
 _FIRST_ISOLINES = 32
 
-# Points that need more lines than this for their tolerance take arcs: about where they cost the same.
+# Points that need more lines than this for their tolerance take arcs, about where they cost the same; but not
+# in scenes that are covered, where very many surfaces lie behind each other.
 _ARCS_BEYOND = 512
 # Lines in place of arcs that contradict each other.
 _INSTEAD_OF_ARCS = 1024
@@ -117,7 +118,7 @@ def _refine(
     k = _FIRST_ISOLINES
     while k <= most:
         rows = np.flatnonzero(lines == k)
-        if method == "auto" and integrand.exact is not None and k > _ARCS_BEYOND:
+        if method == "auto" and integrand.exact is not None and k > _ARCS_BEYOND and not finder.cover:
             rows, k = np.flatnonzero(lines > _ARCS_BEYOND), most
             counts = diagnose(None, 0, 0, 0)
             _run_exact(finder, integrand, p[rows], n[rows], rows, value, estimate, counts, None)

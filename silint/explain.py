@@ -199,9 +199,7 @@ def radial_plan(
                 else "the sweep costs less here; only for points whose counts contradict each other",
             ),
             Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
-            Part("arcs", False, "only for points that need more than 512 lines for a tolerance")
-            if request != "irradiance"
-            else Part("arcs", False, "light has no closed form along them"),
+            _arcs_instead(request, cover),
             _rotation(request, max_degree),
             *_cells(request, n_lines, environment),
             _second_horizon(request),
@@ -228,6 +226,14 @@ def exact_plan(finder: VisibleFinder, request: str, weighting: str, max_degree: 
             _second_horizon(request),
         ),
     )
+
+
+def _arcs_instead(request: str, cover: bool) -> Part:
+    if request == "irradiance":
+        return Part("arcs", False, "light has no closed form along them")
+    if cover:
+        return Part("arcs", False, "too much lies behind what is seen; lines serve every tolerance")
+    return Part("arcs", False, "only for points that need more than 512 lines for a tolerance")
 
 
 def _searches(finder: VisibleFinder) -> tuple[Part, Part]:
