@@ -301,3 +301,29 @@ def test_turned_environments_share_what_is_made_of_the_map() -> None:
     turned = environment.rotated(((0, 0, 1), 90.0))
     assert turned._radial_sky is environment._radial_sky
     np.testing.assert_allclose(turned.aim, np.array([-SUN[1], SUN[0], SUN[2]]), rtol=0, atol=3e-3)
+
+
+def test_dense_lines_resolve_a_sun() -> None:
+    """An edge upright before the sun: only lines that cross the disc can tell how much of it is hidden."""
+    radius, elevation = np.deg2rad(1.0), np.deg2rad(45.0)
+    texels = np.zeros((1024, 2048, 3))
+    w = np.array([0.0, np.sin(elevation), np.cos(elevation)])  # +y up, as maps are
+    v, u = np.mgrid[0:1024, 0:2048]
+    theta, phi = np.pi * (v + 0.5) / 1024, 2.0 * np.pi * ((u + 0.5) / 2048 - 0.5)
+    directions = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=2)
+    texels[directions @ w > np.cos(radius)] = 1e4
+    sky = Environment.from_array(texels)
+    # A wall in a plane through the point's normal, which hides x > 0.6 of the sun's half width.
+    x = 0.6 * np.tan(radius) / np.sin(elevation)
+    wall = Scene(
+        np.array([[x, -1.0, 1.0], [5.0, -1.0, 1.0], [5.0, 5.0, 1.0], [x, 5.0, 1.0]]), [[0, 1, 2], [0, 2, 3]]
+    )
+    sil = SilhouetteIntegrator(wall)
+    p, n = [[0.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]
+    open_sky = sky.irradiance([[0.0, 1.0, 0.0]])[0, 0]
+    # The part of a disc on the side of a chord at 0.6 of its radius.
+    expected = 0.5 + (0.6 * 0.8 + np.arcsin(0.6)) / np.pi
+    for isolines, tolerance in ((64, 0.2), (2048, 0.03)):
+        result = sil.irradiance(p, n, sky, isolines=isolines, method="radial", full_output=True)
+        assert abs(result.value[0, 0] / open_sky - expected) < tolerance
+        assert result.error_estimate[0] > 0.5 * abs(result.value[0, 0] - expected * open_sky)

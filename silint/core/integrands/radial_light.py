@@ -162,43 +162,101 @@ def _seen_disc(theta, radius, intervals, first, count):
 
 
 @njit(**INNER)
+def _seen_chord(theta, half, intervals, first, count):
+    """Visible part of a stretch of a line, `half` to either side of theta, from its intervals."""
+    seen = 0.0
+    for row in range(first, first + count):
+        y0, y1 = intervals[row, 0], intervals[row, 1]
+        seen += min(max((azimuth(y1, 1.0) - theta) / half, -1.0), 1.0)
+        seen -= min(max((azimuth(y0, 1.0) - theta) / half, -1.0), 1.0) if y0 < np.inf else -1.0
+    return 0.5 * seen
+
+
+@njit(**INNER)
+def _first_row(first, counts, k):
+    for j in range(k):
+        first += counts[j]
+    return first
+
+
+@njit(**INNER)
+def _seen_in_strips(cosine, sine, place, radius, counts, first, intervals):
+    """Visible part of a disc that several lines cross: of each line's strip what its chord sees.
+
+    Parameters
+    ----------
+    cosine, sine : float
+        Of the angle between the axis and the middle of the disc.
+    place : float
+        Azimuth of its middle, in lines.
+    """
+    n_lines = len(counts)
+    step = 2.0 * np.pi / n_lines
+    reach = np.arcsin(np.sin(radius) / sine) / step
+    seen = 0.0
+    for k in range(int(np.ceil(place - reach - 0.5)), int(np.floor(place + reach + 0.5)) + 1):
+        left = max(np.arcsin(sine * np.sin((k - 0.5 - place) * step)), -radius)
+        right = min(np.arcsin(sine * np.sin((k + 0.5 - place) * step)), radius)
+        area = _disc(right / radius) - _disc(left / radius)
+        if area <= 0.0:
+            continue
+        theta = azimuth(cosine, sine * np.cos((k - place) * step))
+        line = (k + n_lines) % n_lines
+        half = 0.5 * np.pi * area * radius * radius / (right - left)
+        seen += area * _seen_chord(theta, half, intervals, _first_row(first, counts, line), counts[line])
+    return seen
+
+
+@njit(**INNER)
 def _add_sources(frame, normal, sources, counts, first, intervals, out):
-    """Irradiance from sources (3,), and in a fourth place the doubt about it."""
+    """Irradiance from sources (3,), and in a fourth place the doubt about it.
+
+    Where lines are denser than a disc is wide, each counts for its strip of the disc: then more lines mean
+    more accuracy without end. A wider spacing sees the disc from the line through it, or from two beside it.
+    """
     for c in range(4):
         out[c] = 0.0
     n_lines = len(counts)
     aimed = sources.directions[0] if len(sources.radius) > 0 else normal
     for s in range(len(sources.radius)):
         x, y, z = sources.directions[s, 0], sources.directions[s, 1], sources.directions[s, 2]
-        cosine = normal[0] * x + normal[1] * y + normal[2] * z
+        cosine, radius = normal[0] * x + normal[1] * y + normal[2] * z, sources.radius[s]
         if cosine <= 0.0:
             continue
         t, m, a = in_frame(x, y, z, frame)
-        theta = azimuth(a, np.hypot(t, m))
+        sine = np.hypot(t, m)
+        theta = azimuth(a, sine)
         place = azimuth(t, m) * (n_lines / (2.0 * np.pi)) - 0.5
         # On a line, or as close to it as can be.
         on_line = x == aimed[0] and y == aimed[1] and z == aimed[2]
         below = int(np.floor(place + 0.5)) if on_line else int(np.floor(place))
         part = 0.0 if on_line else place - below
-        seen, other = 0.0, 0.0
-        for side in range(1 if on_line else 2):
-            k = (below + side) % n_lines
-            row = first
-            for j in range(k):
-                row += counts[j]
-            found = _seen_disc(theta, sources.radius[s], intervals, row, counts[k])
-            if side == 0:
-                seen = found
-            else:
-                other = found
-        visible = seen if on_line else seen + part * (other - seen)
-        doubt = min(visible, 1.0 - visible) if on_line else abs(other - seen)
+        seen = _look(theta, radius, counts, first, intervals, below)
+        other = _look(theta, radius, counts, first, intervals, below + 1)
+        before = _look(theta, radius, counts, first, intervals, below - 1) if on_line else seen
+        # Half the spacing of lines over the radius of the disc.
+        spacing = sine * np.sin(np.pi / n_lines) / np.sin(radius)
+        if spacing < 1.0 and sine > 2.0 * np.sin(radius):
+            visible = _seen_in_strips(a, sine, place, radius, counts, first, intervals)
+        else:
+            visible = seen if on_line else seen + part * (other - seen)
+        # What neighbouring lines see otherwise may begin on the disc.
+        doubt = max(abs(other - seen), abs(before - seen)) / max(spacing, 1.0)
+        if on_line:
+            doubt = max(0.5 * doubt, min(visible, 1.0 - visible) * min(spacing, 1.0))
         largest = 0.0
         for c in range(3):
             light = sources.flux[s, c] * cosine
             out[c] += light * visible
             largest = max(largest, light)
         out[3] += largest * doubt
+
+
+@njit(**INNER)
+def _look(theta, radius, counts, first, intervals, k):
+    """Visible part of a disc about theta as one line sees it."""
+    line = (k + len(counts)) % len(counts)
+    return _seen_disc(theta, radius, intervals, _first_row(first, counts, line), counts[line])
 
 
 @njit(**INNER)
