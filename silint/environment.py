@@ -55,6 +55,7 @@ UP_AXES = ("y", "z")
 _FRAMES = {"y": np.eye(3), "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
 
 _CONSTANT_HEIGHT = 64  # rows that a constant shows in `texels`
+_FINE_ROWS = 256  # texels of less than a degree
 _TABLES_KEPT = 4
 _CHUNK = 1 << 16  # texels projected to harmonics at a time
 
@@ -392,6 +393,11 @@ class Environment:
     def aim(self) -> FloatArray:
         """(3,) towards the strongest small source, for radial isolines to pass through; 0 for none."""
         return NO_AIM if self.is_constant else self._radial_sky.aim(self.rotation)
+
+    @property
+    def suits_radial(self) -> bool:
+        """Whether radial lines may stand for its texels: a sun of one coarse texel is no disc."""
+        return self.is_constant or len(self.texel_radiance) >= _FINE_ROWS
 
     @property
     def radial_parts(self) -> tuple[int, int]:

@@ -113,6 +113,9 @@ def request_plan(
     degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
     if method == "exact" and request not in ("irradiance", "sh_lighting", "integrate"):
         return exact_plan(finder, request, weighting, degree)
+    coarse = environment is not None and not environment.suits_radial and request == "irradiance"
+    if method == "auto" and coarse:
+        method = "octahedral"
     if method != "octahedral" and request not in _OCTAHEDRAL:
         return radial_plan(finder, request, isolines, weighting, degree, environment)
     functions = None if basis is None or request != "integrate" else Basis(basis, weighting)

@@ -252,8 +252,9 @@ class SilhouetteIntegrator(TabulatedQueries):
         method : {"auto", "octahedral", "radial"}
             Radial isolines sum the map in cells; small bright sources are taken out of it, and a line of each
             point passes through the brightest, so that the edge of its shadow is exact. They are 2 to 4 times
-            cheaper, and tables end their error at 5e-4. Octahedral isolines sum every texel, each in a strip
-            of the sky 2 / isolines wide: where a sun is half hidden, few show as bands. "auto" takes radial.
+            cheaper, and end at an error of about 5e-4: tables, and suns taken for discs. Octahedral isolines
+            sum every texel, each in a strip of the sky 2 / isolines wide: where a sun is half hidden, few
+            show as bands. "auto" takes radial ones for maps of 256 rows and more.
         tolerance : float, optional
             In units of irradiance, of the channel that needs it most.
 
@@ -268,6 +269,8 @@ class SilhouetteIntegrator(TabulatedQueries):
                 "(Environment.from_file, .from_array, .constant, ...)"
             )
         choice(method, "method", ("auto", "octahedral", "radial"))
+        if method == "auto" and not environment.suits_radial:
+            method = "octahedral"
         octahedral = method == "octahedral"
         most = min(environment.most_isolines, MAX_ISOLINES) if octahedral else MAX_ISOLINES
         if tolerance is None:

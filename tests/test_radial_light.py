@@ -256,10 +256,15 @@ def test_the_estimate_holds_for_most_points(scene: SilhouetteIntegrator, questio
 
 
 def test_auto_takes_radial_isolines(scene: SilhouetteIntegrator, question: Any) -> None:
-    environment = Environment.from_function(smooth_light, 32)
+    environment = Environment.from_function(smooth_light, 256)
     got = scene.irradiance(*question, environment, 16)
     np.testing.assert_array_equal(got, scene.irradiance(*question, environment, 16, method="radial"))
     assert (got != scene.irradiance(*question, environment, 16, method="octahedral")).any()
+    # Texels of a coarse map are no discs.
+    coarse = Environment.from_function(smooth_light, 32)
+    got = scene.irradiance(*question, coarse, 16)
+    np.testing.assert_array_equal(got, scene.irradiance(*question, coarse, 16, method="octahedral"))
+    assert not scene.explain("irradiance", environment=coarse).as_dict()["light table"]["bytes"] == 0
 
 
 def test_a_tolerance_takes_more_lines(scene: SilhouetteIntegrator, question: Any) -> None:
@@ -286,7 +291,7 @@ def test_what_is_built_and_left_out(scene: SilhouetteIntegrator) -> None:
 
     lit, grey, open_ = (
         parts(environment=e)
-        for e in (sun_alone(SUN, 512), Environment.constant(1.0), Environment.cie_overcast(height=64))
+        for e in (sun_alone(SUN, 512), Environment.constant(1.0), Environment.cie_overcast(height=256))
     )
     assert lit["sky in cells"]["built"] and lit["sky in cells"]["bytes"] > 1 << 20
     assert lit["small sources"]["built"] and "discs" in lit["small sources"]["reason"]

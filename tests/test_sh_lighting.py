@@ -118,7 +118,7 @@ def test_nothing_reaches_a_closed_room() -> None:
 def test_degree_zero_of_the_cosine_is_irradiance(scene: SilhouetteIntegrator, question: Any) -> None:
     for environment in (sunny(), Environment.constant(2.0)):
         found = scene.sh_lighting(*question, environment, 0, 32, "cosine")
-        expected = scene.irradiance(*question, environment, 32)
+        expected = scene.irradiance(*question, environment, 32, "octahedral")
         # The open hemisphere, which both compare with, comes from tables with other nodes: 2e-7 was measured.
         np.testing.assert_allclose(np.pi * np.sqrt(4 * np.pi) * found[:, 0], expected, rtol=1e-6)
 
@@ -138,7 +138,7 @@ def test_degree_one_gives_irradiance_with_all_its_shadows(scene: SilhouetteInteg
     environment, normals = Environment.from_function(light_of_degree_two, 64), question[1]
     for isolines, tolerance in ((64, 2e-3), (256, 2e-4)):
         c = scene.sh_lighting(*question, environment, 1, isolines)
-        expected = scene.irradiance(*question, environment, isolines)
+        expected = scene.irradiance(*question, environment, isolines, "octahedral")
         difference = irradiance_of_degree_one(c, normals) - expected
         assert np.abs(difference).max() < tolerance * expected.mean()
 
@@ -148,7 +148,7 @@ def test_convolved_with_a_clamped_cosine_it_nears_irradiance(
 ) -> None:
     """The clamped cosine has all degrees, those above 1 for what lies below the horizon: dark here."""
     environment, normals = Environment.from_function(light_of_degree_two, 64), question[1]
-    expected = scene.irradiance(*question, environment, 64)
+    expected = scene.irradiance(*question, environment, 64, "octahedral")
     c = scene.sh_lighting(*question, environment, 10, 64)
     errors = []
     for degree in (2, 4, 10):
