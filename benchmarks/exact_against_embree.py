@@ -40,7 +40,9 @@ def compare(source: str, options: argparse.Namespace) -> tuple[list[str], list[s
     z = np.zeros(len(p))
     z[known] = difference[known] / found.standard_error[known]
     limit = student.isf(0.5 * (1.0 - 0.99 ** (1.0 / len(p))), SCRAMBLES - 1)
-    apart = np.flatnonzero((np.abs(z) > limit) | (~known & (np.abs(difference) > 1.0 / options.rays)))
+    # Where all rays agree: so many would have been expected to differ that none is as improbable.
+    missed = ~known & (np.abs(difference) * options.rays > np.log(len(p) / 0.01))
+    apart = np.flatnonzero((np.abs(z) > limit) | missed)
     notes = []
     if len(apart):
         lines = integrator.ambient_occlusion(p[apart], normals[apart], 4096)
