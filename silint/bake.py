@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from silint.scene import Scene
 
 __all__ = [
-    "METHODS",
     "PER",
     "QUANTITIES",
     "WEIGHTINGS",
@@ -35,7 +34,6 @@ __all__ = [
 
 QUANTITIES = ("ao", "sky", "bent", "irradiance")
 PER = ("vertex", "face")
-METHODS = ("auto", "octahedral", "radial", "exact")
 WEIGHTINGS = ("cosine", "uniform")
 
 Progress = Callable[[int, int], None]
@@ -232,6 +230,8 @@ def _check_options(
         positive_int(isolines, "isolines")
     if tolerance is not None:
         positive_number(tolerance, "tolerance")
+    from silint.evaluate import METHODS  # and numba with it
+
     choice(method, "method", METHODS)
     choice(weighting, "weighting", WEIGHTINGS)
 

@@ -2,9 +2,12 @@
 
 scene       topology
 hierarchy   partition -> bundles (edges), face_bundles
-contours    lift -> search (tiles; filters in float32) -> contour, crossings | octahedral
-starts      along -> zenith | octahedral
-visible     radial_sweep | sweep; radial_cover (cuts) | cover; visible chooses
-integrands  integrands/: radial, radial_sh in closed form; fractions, octahedral_sh, light by tables
-            (prefix_table of functions, texel_table of maps; sh, sh_rotation, equirect, cie_sky)
+contours    lift -> search (tiles; filters in float32) -> contour, crossings | octahedral | arc_edges
+starts      along -> zenith | octahedral | arcs
+visible     lines: radial_sweep | sweep; radial_cover (cuts) | cover; visible chooses
+            arcs: arcs (tiles) -> arrangement (a point; arc_crossings, boundary) -> arcs_types
+integrands  integrands/: radial, radial_sh in closed form along lines; arcs, arcs_sh along arcs, and their
+            derivatives arcs_gradient, arcs_sh_gradient; fractions, octahedral_sh, light, masked_light, basis
+            by tables (prefix_table of functions, texel_table of maps with texel_scatter; sh, sh_rotation,
+            equirect, texel_clip, cie_sky); radial_light by cells of a map (sky_map)
 """

@@ -96,7 +96,7 @@ def _project(lanes, frame, n):
 
 
 @njit(**INNER)
-def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, state, key, code, tie):
+def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, state, key, tie):
     """Edges of the sweep and its events, from contour edges.
 
     Parameters
@@ -106,9 +106,9 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, stat
     lanes : (N_LANE_FIELDS * 16,) float64
         Scratch.
     edges, state : (capacity, N_EDGE) float64, (capacity, N_STATE) int32, out
-    key, code, tie : (2 capacity,) float64, int32, int32, out
-        Of event i: azimuth; 2 e where edge e starts, 2 e + 1 where it ends; and the vertex there, or a number
-        of its own on the horizon.
+    key, tie : (2 capacity,) float64, int32, out
+        Events: edge e starts at 2 e and ends at 2 e + 1. Their azimuth, and the vertex there, or a number of
+        its own on the horizon.
     """
     n_vertices = len(vertices)
     for first in range(0, n_contours, WIDTH):
@@ -160,7 +160,6 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, stat
             state[e, SIDE] = 0
             key[2 * e], key[2 * e + 1] = (key_a, key_b) if left else (key_b, key_a)
             tie[2 * e], tie[2 * e + 1] = (tie_a, tie_b) if left else (tie_b, tie_a)
-            code[2 * e], code[2 * e + 1] = 2 * e, 2 * e + 1
 
 
 @njit(**INNER)

@@ -215,7 +215,6 @@ def _arcs_of_tiles(
                     sweep.edges,
                     sweep.state,
                     sweep.key,
-                    sweep.code,
                     sweep.tie,
                 )
                 seen = in_frame(n[0], n[1], n[2], frame)

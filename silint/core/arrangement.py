@@ -52,10 +52,9 @@ class Sweep(NamedTuple):
     edges: np.ndarray  # (capacity, N_EDGE) float64
     state: np.ndarray  # (capacity, N_STATE) int32
     key: np.ndarray  # (2 capacity,) float64: azimuths of events, see arc_edges.direct_edges
-    code: np.ndarray  # (2 capacity,) int32
     tie: np.ndarray  # (2 capacity,) int32
     sorted_key: np.ndarray  # the same, sorted
-    sorted_code: np.ndarray
+    sorted_code: np.ndarray  # which event: twice the edge, and 1 more where it ends
     sorted_tie: np.ndarray
     bins: np.ndarray  # (2 capacity + 2,) int32
     active: np.ndarray  # (capacity,) int32: edges under the half-plane, from the axis down
@@ -80,7 +79,6 @@ def new_sweep(capacity, pairs, arcs):
         np.empty((capacity, N_STATE), np.int32),
         np.empty(events),
         np.empty(events, np.int32),
-        np.empty(events, np.int32),
         np.empty(events),
         np.empty(events, np.int32),
         np.empty(events, np.int32),
@@ -100,7 +98,7 @@ def new_sweep(capacity, pairs, arcs):
 @njit(**INNER)
 def _sort_events(sweep, n):
     """Sort events by azimuth and vertex: into bins by azimuth, then by insertion."""
-    key, code, tie, bins = sweep.key, sweep.code, sweep.tie, sweep.bins
+    key, tie, bins = sweep.key, sweep.tie, sweep.bins
     to_key, to_code, to_tie = sweep.sorted_key, sweep.sorted_code, sweep.sorted_tie
     per_radian = n / (2.0 * np.pi)
     for i in range(n + 2):
@@ -113,7 +111,7 @@ def _sort_events(sweep, n):
         b = int(key[i] * per_radian)
         j = bins[b]
         bins[b] = j + 1
-        to_key[j], to_code[j], to_tie[j] = key[i], code[i], tie[i]
+        to_key[j], to_code[j], to_tie[j] = key[i], i, tie[i]
     for i in range(1, n):
         k, c, t = to_key[i], to_code[i], to_tie[i]
         j = i - 1

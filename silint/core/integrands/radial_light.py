@@ -173,14 +173,7 @@ def _seen_chord(theta, half, intervals, first, count):
 
 
 @njit(**INNER)
-def _first_row(first, counts, k):
-    for j in range(k):
-        first += counts[j]
-    return first
-
-
-@njit(**INNER)
-def _seen_in_strips(cosine, sine, place, radius, counts, first, intervals):
+def _seen_in_strips(cosine, sine, place, radius, counts, rows, intervals):
     """Visible part of a disc that several lines cross: of each line's strip what its chord sees.
 
     Parameters
@@ -203,12 +196,12 @@ def _seen_in_strips(cosine, sine, place, radius, counts, first, intervals):
         theta = azimuth(cosine, sine * np.cos((k - place) * step))
         line = (k + n_lines) % n_lines
         half = 0.5 * np.pi * area * radius * radius / (right - left)
-        seen += area * _seen_chord(theta, half, intervals, _first_row(first, counts, line), counts[line])
+        seen += area * _seen_chord(theta, half, intervals, rows[line], counts[line])
     return seen
 
 
 @njit(**INNER)
-def _add_sources(frame, normal, sources, counts, first, intervals, out):
+def _add_sources(frame, normal, sources, counts, first, intervals, rows, out):
     """Irradiance from sources (3,), and in a fourth place the doubt about it.
 
     Where lines are denser than a disc is wide, each counts for its strip of the disc: then more lines mean
@@ -217,6 +210,9 @@ def _add_sources(frame, normal, sources, counts, first, intervals, out):
     for c in range(4):
         out[c] = 0.0
     n_lines = len(counts)
+    for k in range(n_lines):
+        rows[k] = first
+        first += counts[k]
     aimed = sources.directions[0] if len(sources.radius) > 0 else normal
     for s in range(len(sources.radius)):
         x, y, z = sources.directions[s, 0], sources.directions[s, 1], sources.directions[s, 2]
@@ -231,13 +227,13 @@ def _add_sources(frame, normal, sources, counts, first, intervals, out):
         on_line = x == aimed[0] and y == aimed[1] and z == aimed[2]
         below = int(np.floor(place + 0.5)) if on_line else int(np.floor(place))
         part = 0.0 if on_line else place - below
-        seen = _look(theta, radius, counts, first, intervals, below)
-        other = _look(theta, radius, counts, first, intervals, below + 1)
-        before = _look(theta, radius, counts, first, intervals, below - 1) if on_line else seen
+        seen = _look(theta, radius, counts, rows, intervals, below)
+        other = _look(theta, radius, counts, rows, intervals, below + 1)
+        before = _look(theta, radius, counts, rows, intervals, below - 1) if on_line else seen
         # Half the spacing of lines over the radius of the disc.
         spacing = sine * np.sin(np.pi / n_lines) / np.sin(radius)
         if spacing < 1.0 and sine > 2.0 * np.sin(radius):
-            visible = _seen_in_strips(a, sine, place, radius, counts, first, intervals)
+            visible = _seen_in_strips(a, sine, place, radius, counts, rows, intervals)
         else:
             visible = seen if on_line else seen + part * (other - seen)
         # What neighbouring lines see otherwise may begin on the disc.
@@ -253,10 +249,10 @@ def _add_sources(frame, normal, sources, counts, first, intervals, out):
 
 
 @njit(**INNER)
-def _look(theta, radius, counts, first, intervals, k):
+def _look(theta, radius, counts, rows, intervals, k):
     """Visible part of a disc about theta as one line sees it."""
     line = (k + len(counts)) % len(counts)
-    return _seen_disc(theta, radius, intervals, _first_row(first, counts, line), counts[line])
+    return _seen_disc(theta, radius, intervals, rows[line], counts[line])
 
 
 @njit(**INNER)
@@ -339,7 +335,7 @@ def radial_light(cells, sky, sources, frames, visible, value, estimate):
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         turn, at = np.empty((3, 3), np.float32), np.empty(n_cells, np.int32)
         prefix, groups = np.zeros((n_cells + 1, 4)), np.empty((GROUPS, 8))
-        whole, sun = np.empty(3), np.empty(4)
+        whole, sun, rows = np.empty(3), np.empty(4), np.empty(len(cells.whole), np.int64)
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
             first, counts, normal, frame = visible.starts[i], visible.counts[i], visible.normals[i], frames[i]
             for a in range(3):
@@ -352,7 +348,7 @@ def radial_light(cells, sky, sources, frames, visible, value, estimate):
             x, y, z = in_frame(normal[0], normal[1], normal[2], sky.to_map)
             interpolate_open(sky.open, x, y, z, whole)
             _add_sky(cells, turn, sky.texels, size, counts, first, visible.intervals, at, prefix, groups)
-            _add_sources(frame, normal, sources, counts, first, visible.intervals, sun)
+            _add_sources(frame, normal, sources, counts, first, visible.intervals, rows, sun)
             worst = 0.0
             seen, of_all = 0.0, 0.0
             for g in range(GROUPS):
