@@ -328,7 +328,7 @@ def test_dense_lines_resolve_a_sun() -> None:
     open_sky = sky.irradiance([[0.0, 1.0, 0.0]])[0, 0]
     # The part of a disc on the side of a chord at 0.6 of its radius.
     expected = 0.5 + (0.6 * 0.8 + np.arcsin(0.6)) / np.pi
-    # Of 64 lines one meets the disc, and sees all of it; of 2048 some 16, each a strip; texels are 0.18 degrees.
+    # Of 64 lines one meets the disc, and sees all of it; of 2048 some 16, each a strip of it.
     for isolines, tolerance in ((64, 0.2), (2048, 0.03)):
         result = sil.irradiance(p, n, sky, isolines=isolines, method="radial", full_output=True)
         assert abs(result.value[0, 0] / open_sky - expected) < tolerance
