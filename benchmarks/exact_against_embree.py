@@ -1,6 +1,7 @@
 """The exact mode against Embree on any scenes: are they the same number, to six digits?
 
-    python benchmarks/exact_against_embree.py spot.obj clutter_9k --assets DIR --output docs/exact_embree.md
+    python benchmarks/exact_against_embree.py spot clutter_9k --assets DIR --output docs/exact_embree.md
+    ... --keep FOLDER        # Embree's values, which take hours at 2^20 rays, are kept there and read again
 
 Area samples (scans: vertices), displaced as far as Embree needs; Embree takes 64 independent scrambles of
 Sobol points each. `z rms` is the root mean square of differences in standard errors: about 1 where nothing
@@ -11,6 +12,8 @@ once in a hundred runs (Sidak); each is listed with what 4096 isolines of both f
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from common import InputError, fail, find, load, markdown, write
@@ -23,6 +26,33 @@ from silint.reference import EmbreeQMC, embree_points
 SCRAMBLES = 64
 
 
+class Estimate(NamedTuple):
+    value: np.ndarray  # (n,)
+    standard_error: np.ndarray  # (n,)
+
+
+def references(
+    scene: silint.Scene, points: np.ndarray, normals: np.ndarray, options: argparse.Namespace
+) -> Estimate:
+    """Embree's values at the points, from a file where they are kept."""
+    rays = options.rays // SCRAMBLES
+    kept = None
+    if options.keep:
+        kept = Path(options.keep) / f"{scene.name}_{len(points)}x{options.rays}_{options.seed}.npz"
+        if kept.exists():
+            with np.load(kept) as file:
+                if np.array_equal(file["points"], points) and np.array_equal(file["normals"], normals):
+                    return Estimate(file["value"], file["standard_error"])
+    embree = EmbreeQMC(scene.vertices, scene.faces)
+    found = embree.ambient_occlusion(points, normals, rays, seed=options.seed, scrambles=SCRAMBLES)
+    if kept:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(
+            kept, points=points, normals=normals, value=found.value, standard_error=found.standard_error
+        )
+    return Estimate(found.value, found.standard_error)
+
+
 def compare(source: str, options: argparse.Namespace) -> tuple[list[str], list[str]]:
     """One row of the table, and a line for every point that differs."""
     scene = load(source, options.assets)
@@ -31,10 +61,7 @@ def compare(source: str, options: argparse.Namespace) -> tuple[list[str], list[s
     p = embree_points(scene.vertices, scene.faces, points, normals)
     integrator = silint.SilhouetteIntegrator(scene)
     exact = integrator.ambient_occlusion(p, normals, method="exact", full_output=True)
-    embree = EmbreeQMC(scene.vertices, scene.faces)
-    found = embree.ambient_occlusion(
-        p, normals, options.rays // SCRAMBLES, seed=options.seed, scrambles=SCRAMBLES
-    )
+    found = references(scene, p, normals, options)
     difference = exact.value - found.value
     known = found.standard_error > 0
     z = np.zeros(len(p))
@@ -75,6 +102,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=2000)
     parser.add_argument("--rays", type=int, default=1 << 20, help="a point")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", help="a folder for Embree's values")
     parser.add_argument("--output", help="where to keep the table")
     options = parser.parse_args()
     rows: list[list[str]] = []

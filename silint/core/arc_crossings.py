@@ -1,4 +1,4 @@
-"""Where edges of the sweep cross: pairs that trade places between two events, one after the other."""
+"""Where edges of the sweep cross: what has changed its order between two events, and whether it shows."""
 
 from __future__ import annotations
 
@@ -6,6 +6,17 @@ import numpy as np
 from numba import njit
 
 from silint.core.arc_edges import END, GAIN, NORMAL, SIDE, START
+from silint.core.arc_list import (
+    ABOVE,
+    ACROSS_M,
+    ALONG_T,
+    BLOCK_FIRST,
+    BLOCK_LAST,
+    EDGE,
+    STEP,
+    VALUE,
+    WAS,
+)
 from silint.core.boundary import on_edge, show, visible_side
 from silint.core.jit import INNER
 from silint.core.radial import azimuth
@@ -25,7 +36,7 @@ def _chord(e, edges):
 
 
 @njit(**INNER)
-def _crossing(e, f, key_0, key_1, t, m, edges):
+def _crossing(e, f, key_0, key_1, t, m, circles, edges):
     """Where two edges cross between two events, the second above (t, m).
 
     The shorter edge is cut by the plane of the longer: a short edge's plane may be known to a few digits
@@ -67,7 +78,7 @@ def _crossing(e, f, key_0, key_1, t, m, edges):
     if not (abs(start - end) > _PARALLEL * chord or key_0 <= key <= key_1) or square == 0.0:
         # Planes that agree say nothing; the second event does.
         key, g = key_1, e
-        x, y, z = on_edge(e, t, m, edges)
+        x, y, z = on_edge(e, t, m, circles, edges)
     return key, x, y, z, g
 
 
@@ -82,13 +93,13 @@ def _onto(e, x, y, z, edges):
 
 
 @njit(**INNER)
-def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
+def _cross(i, x, y, z, exact, whole, edges, state, arcs, n):
     """The edges at i and i + 1 of the list trade places at (x, y, z), which is exactly on one of them."""
-    e, f = active[i], active[i + 1]
-    w = above[i]
-    gain_e, gain_f = state[e, GAIN], state[f, GAIN]
-    active[i], active[i + 1] = f, e
-    above[i + 1] = w + gain_f
+    e, f, w = whole[EDGE, i], whole[EDGE, i + 1], whole[ABOVE, i]
+    gain_e, gain_f = whole[STEP, i], whole[STEP, i + 1]
+    whole[EDGE, i], whole[EDGE, i + 1] = f, e
+    whole[STEP, i], whole[STEP, i + 1] = gain_f, gain_e
+    whole[ABOVE, i + 1] = w + gain_f
     side_f, side_e = visible_side(w, gain_f), visible_side(w + gain_f, gain_e)
     if state[e, SIDE] == side_e and state[f, SIDE] == side_f:
         return n
@@ -100,133 +111,125 @@ def _cross(i, x, y, z, exact, active, above, edges, state, arcs, n):
 
 
 @njit(**INNER)
-def _entangled(
-    n_active,
-    key_0,
-    key_1,
-    x,
-    y,
-    active,
-    above,
-    value,
-    along,
-    across,
-    copy,
-    pairs,
-    places,
-    edges,
-    state,
-    arcs,
-    n,
-):
-    """Sort what is out of order in more than one place at a time; see `reorder`."""
-    for i in range(n_active):
-        copy[i] = active[i]
-    crossings = 0
-    for i in range(1, n_active):
-        j = i
-        while j > 0 and value[j - 1] < value[j]:
-            if crossings == len(pairs):
-                return n, -1
-            pairs[crossings, 0], pairs[crossings, 1] = copy[j - 1], copy[j]
-            crossings += 1
-            copy[j - 1], copy[j] = copy[j], copy[j - 1]
-            value[j - 1], value[j] = value[j], value[j - 1]
-            along[j - 1], along[j] = along[j], along[j - 1]
-            across[j - 1], across[j] = across[j], across[j - 1]
-            j -= 1
-    # Nearest first; of those, what are neighbours at the time. There always are some, so all pairs get done.
-    for c in range(crossings):
-        key, px, py, pz, exact = _crossing(pairs[c, 0], pairs[c, 1], key_0, key_1, x, y, edges)
-        j = c
-        e, f = pairs[c, 0], pairs[c, 1]
-        while j > 0 and places[j - 1, 0] > key:
-            for r in range(5):
-                places[j, r] = places[j - 1, r]
-            pairs[j, 0], pairs[j, 1] = pairs[j - 1, 0], pairs[j - 1, 1]
-            j -= 1
-        places[j, 0], places[j, 1], places[j, 2] = key, px, py
-        places[j, 3], places[j, 4] = pz, exact
-        pairs[j, 0], pairs[j, 1] = e, f
-    left, first = crossings, 0
+def _place_in(e, first, whole):
+    """The place of an edge that is in the block from `first` on."""
+    k = first
+    while whole[EDGE, k] != e:
+        k += 1
+    return k
+
+
+@njit(**INNER)
+def _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, edges):
+    """The pairs of a block that have traded places, and where they cross, nearest first.
+
+    Returns
+    -------
+    found : int
+        -1 where there is no room for them.
+    """
+    found = 0
+    for i in range(first + 1, last + 1):
+        e = whole[WAS, i]
+        rank = _place_in(e, first, whole)
+        for j in range(first, i):
+            f = whole[WAS, j]
+            if _place_in(f, first, whole) < rank:
+                continue
+            if found == len(pairs):
+                return -1
+            key, px, py, pz, exact = _crossing(f, e, key_0, key_1, x, y, circles, edges)
+            c = found
+            while c > 0 and places[c - 1, 0] > key:
+                for r in range(5):
+                    places[c, r] = places[c - 1, r]
+                pairs[c, 0], pairs[c, 1] = pairs[c - 1, 0], pairs[c - 1, 1]
+                c -= 1
+            places[c, 0], places[c, 1], places[c, 2] = key, px, py
+            places[c, 3], places[c, 4] = pz, exact
+            pairs[c, 0], pairs[c, 1] = f, e
+            found += 1
+    return found
+
+
+@njit(**INNER)
+def _replay(found, first, last, whole, pairs, places, edges, state, arcs, n):
+    """Let the pairs of a block cross, from its old order on: the nearest of those that are neighbours.
+
+    There always are some, so all get done.
+    """
+    for i in range(first, last + 1):
+        whole[EDGE, i] = whole[WAS, i]
+        whole[STEP, i] = state[whole[WAS, i], GAIN]
+    left, start = found, 0
     while left > 0:
         done = False
-        for c in range(first, crossings):
+        for c in range(start, found):
             e = pairs[c, 0]
             if e < 0:
-                if c == first:
-                    first += 1
+                start += c == start
                 continue
-            for i in range(n_active - 1):
-                if active[i] == e:
-                    break
-            if active[i] != e or active[i + 1] != pairs[c, 1]:
+            i = _place_in(e, first, whole)
+            if i == last or whole[EDGE, i + 1] != pairs[c, 1]:
                 continue
-            n = _cross(
-                i,
-                places[c, 1],
-                places[c, 2],
-                places[c, 3],
-                int(places[c, 4]),
-                active,
-                above,
-                edges,
-                state,
-                arcs,
-                n,
-            )
+            px, py, pz, exact = places[c, 1], places[c, 2], places[c, 3], int(places[c, 4])
+            n = _cross(i, px, py, pz, exact, whole, edges, state, arcs, n)
             pairs[c, 0] = -1
             left -= 1
             done = True
             break
         if not done:
             break  # cannot be
-    return n, crossings
+    return n
 
 
 @njit(**INNER)
-def _in_pairs(value, n_active):
-    """Whether the list is sorted but for neighbours that trade places, each with one other only.
+def _sort(whole, real, n_active):
+    """Sort the list by falling value.
 
-    Mostly so, and mostly both are hidden: then it does not matter where they cross.
+    Returns
+    -------
+    crossings : int
+        Pairs that have traded places.
+    blocks : int
+        The smallest runs of the list that have been permuted within themselves.
     """
-    last, i = np.inf, 0
-    while i < n_active:
-        swapped = i + 1 < n_active and value[i] < value[i + 1]
-        if last < (value[i + 1] if swapped else value[i]):
-            return False
-        last = value[i]
-        i += 2 if swapped else 1
-    return True
+    for i in range(n_active):
+        whole[WAS, i] = whole[EDGE, i]
+    crossings, blocks = 0, 0
+    for i in range(1, n_active):
+        v = real[VALUE, i]
+        if real[VALUE, i - 1] >= v:
+            continue
+        e, step, t, m = whole[EDGE, i], whole[STEP, i], real[ALONG_T, i], real[ACROSS_M, i]
+        j = i
+        while j > 0 and real[VALUE, j - 1] < v:
+            real[VALUE, j] = real[VALUE, j - 1]
+            real[ALONG_T, j], real[ACROSS_M, j] = real[ALONG_T, j - 1], real[ACROSS_M, j - 1]
+            whole[EDGE, j], whole[STEP, j] = whole[EDGE, j - 1], whole[STEP, j - 1]
+            j -= 1
+        real[VALUE, j], real[ALONG_T, j], real[ACROSS_M, j] = v, t, m
+        whole[EDGE, j], whole[STEP, j] = e, step
+        crossings += i - j
+        while blocks > 0 and whole[BLOCK_LAST, blocks - 1] >= j:
+            blocks -= 1
+            j = min(j, whole[BLOCK_FIRST, blocks])
+        whole[BLOCK_FIRST, blocks], whole[BLOCK_LAST, blocks] = j, i
+        blocks += 1
+    return crossings, blocks
 
 
 @njit(**INNER)
-def reorder(
-    n_active,
-    key_0,
-    key_1,
-    x,
-    y,
-    active,
-    above,
-    value,
-    along,
-    across,
-    copy,
-    pairs,
-    places,
-    edges,
-    state,
-    arcs,
-    n,
-):
-    """Sort the list by falling value; pairs that trade places have crossed since the last event.
+def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, edges, state, arcs, n):
+    """Sort the list by falling value; pairs that trade places have crossed by now.
+
+    Mostly all of them are hidden in whatever order they cross; then it does not matter where they do.
 
     Parameters
     ----------
     key_0, key_1 : float
         Azimuths of both events; the second is above (x, y).
-    active, above, value, along, across, copy, pairs, places, edges, state, arcs
+    whole, real, pairs, places, circles, edges, state, arcs
         Those of the sweep.
     n : int
         Arcs so far.
@@ -240,45 +243,29 @@ def reorder(
     lowest : int
         A bound of W from below, where it has changed.
     """
-    crossings, lowest = 0, 0
-    if _in_pairs(value, n_active):
-        for i in range(n_active - 1):
-            if value[i] >= value[i + 1]:
-                continue
-            e, f = active[i], active[i + 1]
-            w, gain_e, gain_f = above[i], state[e, GAIN], state[f, GAIN]
-            side_f, side_e = visible_side(w, gain_f), visible_side(w + gain_f, gain_e)
-            if state[e, SIDE] != side_e or state[f, SIDE] != side_f:
-                _, px, py, pz, exact = _crossing(e, f, key_0, key_1, x, y, edges)
-                n = _cross(i, px, py, pz, exact, active, above, edges, state, arcs, n)
-            else:
-                active[i], active[i + 1] = f, e
-                above[i + 1] = w + gain_f
-            lowest = min(lowest, above[i + 1])
-            value[i], value[i + 1] = value[i + 1], value[i]
-            along[i], along[i + 1] = along[i + 1], along[i]
-            across[i], across[i + 1] = across[i + 1], across[i]
-            crossings += 1
-        return n, crossings, lowest
-    n, crossings = _entangled(
-        n_active,
-        key_0,
-        key_1,
-        x,
-        y,
-        active,
-        above,
-        value,
-        along,
-        across,
-        copy,
-        pairs,
-        places,
-        edges,
-        state,
-        arcs,
-        n,
-    )
-    for i in range(n_active):
-        lowest = min(lowest, above[i])
+    crossings, blocks = _sort(whole, real, n_active)
+    lowest = 0
+    for b in range(blocks):
+        first, last = whole[BLOCK_FIRST, b], whole[BLOCK_LAST, b]
+        w, least = whole[ABOVE, first], whole[ABOVE, first]
+        for k in range(first, last + 1):
+            least += min(whole[STEP, k], 0)
+        shows = least <= 0
+        if shows and last == first + 1:
+            below = w + whole[STEP, first]
+            shows = (
+                state[whole[EDGE, first], SIDE] != visible_side(w, whole[STEP, first])
+                or state[whole[EDGE, last], SIDE] != visible_side(below, whole[STEP, last])
+            )  # fmt: skip
+        if shows:
+            found = _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, edges)
+            if found < 0:
+                return n, -1, 0
+            n = _replay(found, first, last, whole, pairs, places, edges, state, arcs, n)
+        else:
+            for k in range(first, last):
+                w += whole[STEP, k]
+                whole[ABOVE, k + 1] = w
+        for k in range(first, last + 1):
+            lowest = min(lowest, whole[ABOVE, k])
     return n, crossings, lowest

@@ -15,12 +15,15 @@ from silint.core.jit import INNER
 from silint.core.lanes import WIDTH
 from silint.core.radial import AT_POINT, azimuth
 
-# An edge of the sweep: coefficients of cot(theta); what it stays between; unit normal, start and end; where
-# the visible arc began that is being followed; and +-1 where it has no slope.
-ALONG, ACROSS, LOW, HIGH, NORMAL, START, END, OPEN, STEEP, N_EDGE = 0, 1, 2, 3, 4, 7, 10, 13, 16, 17
+# An edge of the sweep: unit normal, start and end; where the visible arc began that is being followed; what
+# cot(theta) stays between; and +-1 where it has no slope.
+NORMAL, START, END, OPEN, LOW, HIGH, STEEP, N_EDGE = 0, 3, 6, 9, 12, 13, 14, 15
+# What is read of all edges in the order of azimuth has arrays of its own, which caches hold. Coefficients of
+# cot(theta):
+ALONG, ACROSS, N_CIRCLE = 0, 1, 2
 # What the depth count gains across it, away from the axis; its vertices; the visible side (+1 towards the
-# axis, -1 away from it, 0 neither).
-GAIN, FROM, TO, SIDE, N_STATE = 0, 1, 2, 3, 4
+# axis, -1 away from it, 0 neither); whether it is kept between LOW and HIGH.
+GAIN, FROM, TO, SIDE, NARROW, N_STATE = 0, 1, 2, 3, 4, 5
 
 # Fields of 16 lanes. Both ends and the edge from the shade point; then the clipped ends, the normal, along
 # and across, azimuths of the clipped ends and of the whole edge's, N_A, cot(theta) of the clipped ends, and
@@ -96,7 +99,7 @@ def _project(lanes, frame, n):
 
 
 @njit(**INNER)
-def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, state, key, tie):
+def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, circles, state, key, tie):
     """Edges of the sweep and its events, from contour edges.
 
     Parameters
@@ -105,7 +108,7 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, stat
         See `contour.decide_contours`.
     lanes : (N_LANE_FIELDS * 16,) float64
         Scratch.
-    edges, state : (capacity, N_EDGE) float64, (capacity, N_STATE) int32, out
+    edges, circles, state : (capacity, N_EDGE), (capacity, N_CIRCLE) float64, (capacity, N_STATE) int32, out
     key, tie : (2 capacity,) float64, int32, out
         Events: edge e starts at 2 e and ends at 2 e + 1. Their azimuth, and the vertex there, or a number of
         its own on the horizon.
@@ -147,17 +150,21 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, stat
                 edges[e, START + axis] = lanes[(start + axis) * WIDTH + i]
                 edges[e, END + axis] = lanes[(end + axis) * WIDTH + i]
             _straighten(e, edges)
-            edges[e, ALONG], edges[e, ACROSS] = lanes[_CIRCLE * WIDTH + i], lanes[(_CIRCLE + 1) * WIDTH + i]
+            circles[e, ALONG], circles[e, ACROSS] = (
+                lanes[_CIRCLE * WIDTH + i],
+                lanes[(_CIRCLE + 1) * WIDTH + i],
+            )
             edges[e, LOW], edges[e, HIGH], edges[e, STEEP] = -np.inf, np.inf, 0.0
-            if abs(key_b - key_a) < _NARROW or abs(key_b - key_a) > 2.0 * np.pi - _NARROW:
+            narrow = abs(key_b - key_a) < _NARROW or abs(key_b - key_a) > 2.0 * np.pi - _NARROW
+            if narrow:
                 cot_a, cot_b = lanes[_COT * WIDTH + i], lanes[(_COT + 1) * WIDTH + i]
                 edges[e, LOW], edges[e, HIGH] = min(cot_a, cot_b), max(cot_a, cot_b)
-                if not (abs(edges[e, ALONG]) + abs(edges[e, ACROSS]) < np.inf):
-                    edges[e, ALONG], edges[e, ACROSS] = 0.0, 0.0
+                if not (abs(circles[e, ALONG]) + abs(circles[e, ACROSS]) < np.inf):
+                    circles[e, ALONG], circles[e, ACROSS] = 0.0, 0.0
                     edges[e, STEEP] = 1.0 if (cot_b > cot_a) == left else -1.0
             state[e, GAIN] = -jump if left else jump
             state[e, FROM], state[e, TO] = (a, b) if left else (b, a)
-            state[e, SIDE] = 0
+            state[e, SIDE], state[e, NARROW] = 0, narrow
             key[2 * e], key[2 * e + 1] = (key_a, key_b) if left else (key_b, key_a)
             tie[2 * e], tie[2 * e + 1] = (tie_a, tie_b) if left else (tie_b, tie_a)
 

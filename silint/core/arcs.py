@@ -213,6 +213,7 @@ def _arcs_of_tiles(
                     frame,
                     lanes,
                     sweep.edges,
+                    sweep.circles,
                     sweep.state,
                     sweep.key,
                     sweep.tie,

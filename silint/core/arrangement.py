@@ -30,14 +30,31 @@ from silint.core.arc_edges import (
     ALONG,
     END,
     GAIN,
-    HIGH,
-    LOW,
+    N_CIRCLE,
     N_EDGE,
     N_STATE,
+    NARROW,
     OPEN,
     SIDE,
     START,
     STEEP,
+)
+from silint.core.arc_list import (
+    ABOVE,
+    ACROSS_M,
+    ALONG_T,
+    EDGE,
+    N_REAL,
+    N_WHOLE,
+    STEP,
+    VALUE,
+    evaluate,
+    in_order,
+    move,
+    out_of_order,
+    place_of,
+    put,
+    within,
 )
 from silint.core.boundary import N_ARC, on_edge, show, show_horizon, visible_side
 from silint.core.jit import INNER
@@ -50,23 +67,17 @@ class Sweep(NamedTuple):
     """Scratch of the sweep, with room for so many edges at once."""
 
     edges: np.ndarray  # (capacity, N_EDGE) float64
+    circles: np.ndarray  # (capacity, N_CIRCLE) float64
     state: np.ndarray  # (capacity, N_STATE) int32
     key: np.ndarray  # (2 capacity,) float64: azimuths of events, see arc_edges.direct_edges
     tie: np.ndarray  # (2 capacity,) int32
-    sorted_key: np.ndarray  # the same, sorted
-    sorted_code: np.ndarray  # which event: twice the edge, and 1 more where it ends
-    sorted_tie: np.ndarray
+    places: np.ndarray  # (2 capacity, 4) float64: azimuth and direction of events, sorted
+    codes: np.ndarray  # (2 capacity, 2) int32: twice the edge, and 1 more where it ends; tie
     bins: np.ndarray  # (2 capacity + 2,) int32
-    active: np.ndarray  # (capacity,) int32: edges under the half-plane, from the axis down
-    above: np.ndarray  # (capacity,) int32: W above each
-    along: np.ndarray  # (capacity,) float64: of each, side by side for vector code
-    across: np.ndarray
-    value: (
-        np.ndarray
-    )  # (capacity,) float64: cot(theta) of each at the event, times its distance from the axis
-    copy: np.ndarray  # (capacity,) int32: of the list, where edges cross
+    whole: np.ndarray  # (N_WHOLE, capacity) int32: edges under the half-plane, see arc_list
+    real: np.ndarray  # (N_REAL, capacity) float64
     pairs: np.ndarray  # (pairs, 2) int32: edges that cross, the upper one first
-    places: np.ndarray  # (pairs, 5) float64: azimuth and direction of their crossing, and the edge it is on
+    spots: np.ndarray  # (pairs, 5) float64: azimuth and direction of their crossing, and the edge it is on
     arcs: np.ndarray  # (arcs, N_ARC) float64
 
 
@@ -76,19 +87,15 @@ def new_sweep(capacity, pairs, arcs):
     events = 2 * capacity
     return Sweep(
         np.empty((capacity, N_EDGE)),
+        np.empty((capacity, N_CIRCLE)),
         np.empty((capacity, N_STATE), np.int32),
         np.empty(events),
         np.empty(events, np.int32),
-        np.empty(events),
-        np.empty(events, np.int32),
-        np.empty(events, np.int32),
+        np.empty((events, 4)),
+        np.empty((events, 2), np.int32),
         np.empty(events + 2, np.int32),
-        np.empty(capacity, np.int32),
-        np.empty(capacity, np.int32),
-        np.empty(capacity),
-        np.empty(capacity),
-        np.empty(capacity),
-        np.empty(capacity, np.int32),
+        np.empty((N_WHOLE, capacity), np.int32),
+        np.empty((N_REAL, capacity)),
         np.empty((pairs, 2), np.int32),
         np.empty((pairs, 5)),
         np.empty((arcs, N_ARC)),
@@ -98,8 +105,8 @@ def new_sweep(capacity, pairs, arcs):
 @njit(**INNER)
 def _sort_events(sweep, n):
     """Sort events by azimuth and vertex: into bins by azimuth, then by insertion."""
-    key, tie, bins = sweep.key, sweep.tie, sweep.bins
-    to_key, to_code, to_tie = sweep.sorted_key, sweep.sorted_code, sweep.sorted_tie
+    key, tie, bins, edges = sweep.key, sweep.tie, sweep.bins, sweep.edges
+    at, code = sweep.places, sweep.codes
     per_radian = n / (2.0 * np.pi)
     for i in range(n + 2):
         bins[i] = 0
@@ -111,77 +118,91 @@ def _sort_events(sweep, n):
         b = int(key[i] * per_radian)
         j = bins[b]
         bins[b] = j + 1
-        to_key[j], to_code[j], to_tie[j] = key[i], i, tie[i]
+        e, axis = i >> 1, END if i & 1 else START
+        at[j, 0], at[j, 1], at[j, 2], at[j, 3] = (
+            key[i],
+            edges[e, axis],
+            edges[e, axis + 1],
+            edges[e, axis + 2],
+        )
+        code[j, 0], code[j, 1] = i, tie[i]
     for i in range(1, n):
-        k, c, t = to_key[i], to_code[i], to_tie[i]
+        k, c, t = at[i, 0], code[i, 0], code[i, 1]
         j = i - 1
-        while j >= 0 and (to_key[j] > k or (to_key[j] == k and to_tie[j] > t)):
-            to_key[j + 1], to_code[j + 1], to_tie[j + 1] = to_key[j], to_code[j], to_tie[j]
+        if at[j, 0] < k:
+            continue
+        x, y, z = at[i, 1], at[i, 2], at[i, 3]
+        while j >= 0 and (at[j, 0] > k or (at[j, 0] == k and code[j, 1] > t)):
+            for r in range(4):
+                at[j + 1, r] = at[j, r]
+            code[j + 1, 0], code[j + 1, 1] = code[j, 0], code[j, 1]
             j -= 1
-        to_key[j + 1], to_code[j + 1], to_tie[j + 1] = k, c, t
+        at[j + 1, 0], at[j + 1, 1], at[j + 1, 2], at[j + 1, 3] = k, x, y, z
+        code[j + 1, 0], code[j + 1, 1] = c, t
 
 
 @njit(**INNER)
-def _insert(e, place, n_active, active, above, value, along, across, edges):
-    """Put edge e into the list."""
-    for k in range(n_active, place, -1):
-        active[k], above[k], value[k] = active[k - 1], above[k - 1], value[k - 1]
-        along[k], across[k] = along[k - 1], across[k - 1]
-    active[place], along[place], across[place] = e, edges[e, ALONG], edges[e, ACROSS]
-
-
-@njit(**INNER)
-def _remove(place, n_active, active, above, value, along, across):
-    for k in range(place, n_active - 1):
-        active[k], above[k], value[k] = active[k + 1], above[k + 1], value[k + 1]
-        along[k], across[k] = along[k + 1], across[k + 1]
-
-
-@njit(**INNER)
-def _place_of(e, n_active, active):
-    for k in range(n_active):
-        if active[k] == e:
-            return k
-    return 0  # cannot be
-
-
-@njit(**INNER)
-def _slope(e, x, y, edges):
-    if edges[e, STEEP] != 0.0:
+def _slope(e, x, y, circles, edges, state):
+    if state[e, NARROW] and edges[e, STEEP] != 0.0:
         return np.inf * edges[e, STEEP]
-    return edges[e, ACROSS] * x - edges[e, ALONG] * y
+    return circles[e, ACROSS] * x - circles[e, ALONG] * y
 
 
 @njit(**INNER)
-def _within(e, v, r, edges):
-    """A value of edge e kept between its ends, if it is narrow."""
-    low, high = edges[e, LOW] * r, edges[e, HIGH] * r
-    v = v if v > low else low
-    return v if v < high else high
-
-
-@njit(**INNER)
-def _evaluate(along, across, n_active, x, y, value):
-    """Values of the list above (x, y)."""
-    for k in range(n_active):
-        value[k] = along[k] * x + across[k] * y
-
-
-@njit(**INNER)
-def _out_of_order(value, n_active):
-    bad = False
-    for k in range(n_active - 1):
-        bad |= value[k] < value[k + 1]
-    return bad
-
-
-@njit(**INNER)
-def _negative(n_active, bottom, r, above, value):
+def _negative(n_active, bottom, r, whole, real):
     """Whether W is negative somewhere, over more than rounding."""
     for k in range(1, n_active):
-        if above[k] < 0 and value[k - 1] - value[k] > _NEGATIVE * (r + abs(value[k])):
+        over = real[VALUE, k - 1] - real[VALUE, k]
+        if whole[ABOVE, k] < 0 and over > _NEGATIVE * (r + abs(real[VALUE, k])):
             return True
     return bottom < 0
+
+
+@njit(**INNER)
+def _lowest(n_active, bottom, whole):
+    least = bottom
+    for k in range(n_active):
+        least = min(least, whole[ABOVE, k])
+    return least
+
+
+@njit(**INNER)
+def _end_values(first, last, code, z, n_active, whole, real):
+    """Give edges that end here their exact value; the first place of one, n_active if there is none."""
+    position = n_active
+    for i in range(first, last):
+        if code[i, 0] & 1:
+            k = place_of(code[i, 0] >> 1, n_active, whole)
+            real[VALUE, k] = z
+            position = min(position, k)
+    return position
+
+
+@njit(**INNER)
+def _first_list(sweep, n_edges):
+    """Write the edges that the half-plane cuts at azimuth 0; their number, and that of narrow ones."""
+    edges, circles, state = sweep.edges, sweep.circles, sweep.state
+    whole, real, key = sweep.whole, sweep.real, sweep.key
+    n_active, n_narrow = 0, 0
+    for e in range(n_edges):
+        if key[2 * e] > key[2 * e + 1]:
+            v = within(e, circles[e, ALONG], 1.0, edges)
+            slope, k = _slope(e, 1.0, 0.0, circles, edges, state), n_active
+            while k > 0 and (
+                real[VALUE, k - 1] < v
+                or (
+                    real[VALUE, k - 1] == v
+                    and _slope(whole[EDGE, k - 1], 1.0, 0.0, circles, edges, state) < slope
+                )
+            ):
+                k -= 1
+            for i in range(n_active, k, -1):
+                move(i - 1, i, whole, real)
+            put(e, k, whole, real, circles, state)
+            real[VALUE, k] = v
+            n_active += 1
+            n_narrow += state[e, NARROW]
+    return n_active, n_narrow
 
 
 @njit(**INNER)
@@ -207,206 +228,133 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
         1; 0 where W contradicts itself; -1 where there was no room for crossings.
     crossings : int
     """
-    edges, state = sweep.edges, sweep.state
-    active, above, value, along, across = sweep.active, sweep.above, sweep.value, sweep.along, sweep.across
-    copy, pairs, places = sweep.copy, sweep.pairs, sweep.places
-    key, code, tie = sweep.sorted_key, sweep.sorted_code, sweep.sorted_tie
-    start_key, arcs, n = sweep.key, sweep.arcs, 0
-    n_events = 2 * n_edges
+    edges, circles, state, whole, real = sweep.edges, sweep.circles, sweep.state, sweep.whole, sweep.real
+    pairs, spots, at, code = sweep.pairs, sweep.spots, sweep.places, sweep.codes
+    arcs, n_events, n = sweep.arcs, 2 * n_edges, 0
     _sort_events(sweep, n_events)
-
-    n_active, n_narrow, sound, all_crossings = 0, 0, 1, 0
-    for e in range(n_edges):
-        if start_key[2 * e] > start_key[2 * e + 1]:
-            v = _within(e, edges[e, ALONG], 1.0, edges)
-            slope, k = _slope(e, 1.0, 0.0, edges), n_active
-            while k > 0 and (
-                value[k - 1] < v or (value[k - 1] == v and _slope(active[k - 1], 1.0, 0.0, edges) < slope)
-            ):
-                k -= 1
-            _insert(e, k, n_active, active, above, value, along, across, edges)
-            value[k] = v
-            n_active += 1
-            n_narrow += edges[e, LOW] > -np.inf
-    bottom = w
+    n_active, n_narrow = _first_list(sweep, n_edges)
+    sound, all_crossings, bottom = 1, 0, w
     for k in range(n_active):
-        e = active[k]
-        above[k] = bottom
-        x, y, z = on_edge(e, 1.0, 0.0, edges)
-        n = show(e, visible_side(bottom, state[e, GAIN]), x, y, z, edges, state, arcs, n)
-        bottom += state[e, GAIN]
+        e = whole[EDGE, k]
+        whole[ABOVE, k] = bottom
+        x, y, z = on_edge(e, 1.0, 0.0, circles, edges)
+        n = show(e, visible_side(bottom, whole[STEP, k]), x, y, z, edges, state, arcs, n)
+        bottom += whole[STEP, k]
     lowest = bottom
-    key_0, t0, m0 = 0.0, 1.0, 0.0
-    horizon_key, horizon_t, horizon_m = key_0, t0, m0
+    key_0, horizon_key, horizon_t, horizon_m = 0.0, 0.0, 1.0, 0.0
     horizon = bottom == 0
 
     first = 0
     while first < n_events:
         last = first + 1
-        while last < n_events and key[last] == key[first] and tie[last] == tie[first]:
+        while last < n_events and at[last, 0] == at[first, 0] and code[last, 1] == code[first, 1]:
             last += 1
-        key_1, e = key[first], code[first] >> 1
-        at = END if code[first] & 1 else START
-        x, y, z = edges[e, at], edges[e, at + 1], edges[e, at + 2]
-        _evaluate(along, across, n_active, x, y, value)
-        if n_narrow > 0:
-            r = np.sqrt(x * x + y * y)
-            for k in range(n_active):
-                value[k] = _within(active[k], value[k], r, edges)
-        position = n_active
-        for i in range(first, last):
-            if code[i] & 1:
-                k = _place_of(code[i] >> 1, n_active, active)
-                value[k] = z
-                position = min(position, k)
-        if _out_of_order(value, n_active):
-            n, crossings, low = reorder(
-                n_active,
-                key_0,
-                key_1,
-                x,
-                y,
-                active,
-                above,
-                value,
-                along,
-                across,
-                copy,
-                pairs,
-                places,
-                edges,
-                state,
-                arcs,
-                n,
-            )
-            if crossings < 0:
-                return n, -1, 0
-            all_crossings += crossings
-            position = n_active
-            for i in range(first, last):
-                if code[i] & 1:
-                    position = min(position, _place_of(code[i] >> 1, n_active, active))
-            lowest = min(lowest, low)
-        if lowest < 0:
-            if key_1 - key_0 > _NEGATIVE and _negative(
-                n_active, bottom, np.sqrt(x * x + y * y), above, value
-            ):
-                sound = 0
-            lowest = min(bottom, _lowest(above, n_active))
+        key, x, y, z = at[first, 0], at[first, 1], at[first, 2], at[first, 3]
+        # The usual vertex, where one edge follows another.
+        usual, position = last - first == 2 and (code[first, 0] ^ code[first + 1, 0]) & 1 == 1, n_active
+        e, f = code[first, 0] >> 1, code[last - 1, 0] >> 1
+        if usual:
+            e, f = (e, f) if code[first, 0] & 1 else (f, e)
+            position = place_of(e, n_active, whole)
+        if not usual or n_narrow > 0 or lowest < 0 or not in_order(n_active, x, y, position, z, real):
+            evaluate(n_active, n_narrow, x, y, whole, real, edges)
+            position = _end_values(first, last, code, z, n_active, whole, real)
+            if out_of_order(n_active, real):
+                n, crossings, low = reorder(
+                    n_active, key_0, key, x, y, whole, real, pairs, spots, circles, edges, state, arcs, n
+                )
+                if crossings < 0:
+                    return n, -1, 0
+                all_crossings += crossings
+                position = _end_values(first, last, code, z, n_active, whole, real)
+                lowest = min(lowest, low)
+            if lowest < 0:
+                r = np.sqrt(x * x + y * y)
+                if key - key_0 > _NEGATIVE and _negative(n_active, bottom, r, whole, real):
+                    sound = 0
+                lowest = _lowest(n_active, bottom, whole)
+        key_0, i_0, first = key, first, last
 
-        if last - first == 2 and (code[first] ^ code[first + 1]) & 1:
-            # The usual vertex, where one edge follows another: it takes its place.
-            i = first if code[first] & 1 else first + 1
-            e, f = code[i] >> 1, code[2 * first + 1 - i] >> 1
-            if state[e, GAIN] == state[f, GAIN]:
-                side = state[e, SIDE]
-                if side != 0:
-                    n = show(e, 0, x, y, z, edges, state, arcs, n)
-                    state[f, SIDE] = side
-                    edges[f, OPEN], edges[f, OPEN + 1], edges[f, OPEN + 2] = x, y, z
-                active[position], along[position], across[position] = f, edges[f, ALONG], edges[f, ACROSS]
-                n_narrow += int(edges[f, LOW] > -np.inf) - int(edges[e, LOW] > -np.inf)
-                key_0, t0, m0 = key_1, x, y
-                first = last
-                continue
+        if usual and state[e, GAIN] == state[f, GAIN]:
+            side = state[e, SIDE]
+            if side != 0:
+                n = show(e, 0, x, y, z, edges, state, arcs, n)
+                state[f, SIDE] = side
+                edges[f, OPEN], edges[f, OPEN + 1], edges[f, OPEN + 2] = x, y, z
+            whole[EDGE, position] = f
+            real[ALONG_T, position], real[ACROSS_M, position] = circles[f, ALONG], circles[f, ACROSS]
+            n_narrow += state[f, NARROW] - state[e, NARROW]
+            continue
 
-        balance, ended = 0, 0
-        for i in range(first, last):
-            if code[i] & 1:
-                e = code[i] >> 1
-                k = _place_of(e, n_active, active)
+        balance, ended, begun = 0, 0, 0
+        for i in range(i_0, last):
+            if code[i, 0] & 1:
+                e = code[i, 0] >> 1
                 n = show(e, 0, x, y, z, edges, state, arcs, n)
                 balance += state[e, GAIN]
-                n_narrow -= edges[e, LOW] > -np.inf
-                _remove(k, n_active, active, above, value, along, across)
+                n_narrow -= state[e, NARROW]
+                k = place_of(e, n_active, whole)
                 n_active -= 1
+                for j in range(k, n_active):
+                    move(j + 1, j, whole, real)
                 ended += 1
         if ended == 0:
             position = 0
             for k in range(n_active):
-                position += value[k] > z
-        begun = 0
-        for i in range(first, last):
-            if not code[i] & 1:
-                e = code[i] >> 1
+                position += real[VALUE, k] > z
+        for i in range(i_0, last):
+            if not code[i, 0] & 1:
+                e = code[i, 0] >> 1
                 balance -= state[e, GAIN]
-                n_narrow += edges[e, LOW] > -np.inf
-                slope, k = _slope(e, x, y, edges), position + begun
-                while k > position and _slope(active[k - 1], x, y, edges) < slope:
+                n_narrow += state[e, NARROW]
+                slope, k = _slope(e, x, y, circles, edges, state), position + begun
+                while k > position and _slope(whole[EDGE, k - 1], x, y, circles, edges, state) < slope:
                     k -= 1
-                _insert(e, k, n_active, active, above, value, along, across, edges)
+                for j in range(n_active, k, -1):
+                    move(j - 1, j, whole, real)
+                put(e, k, whole, real, circles, state)
                 n_active += 1
                 begun += 1
-        if balance != 0 and tie[first] < n_vertices:
+        if balance != 0 and code[i_0, 1] < n_vertices:
             sound = 0
 
         here = w
         if position > 0:
-            here = above[position - 1] + state[active[position - 1], GAIN]
+            here = whole[ABOVE, position - 1] + whole[STEP, position - 1]
         for k in range(position, n_active):
-            e = active[k]
-            if k >= position + begun and above[k] == here:
+            if k >= position + begun and whole[ABOVE, k] == here:
                 break
-            above[k] = here
+            e, step = whole[EDGE, k], whole[STEP, k]
+            whole[ABOVE, k] = here
             lowest = min(lowest, here)
-            side = visible_side(here, state[e, GAIN])
-            here += state[e, GAIN]
+            side = visible_side(here, step)
+            here += step
             if k < position + begun:
                 n = show(e, side, x, y, z, edges, state, arcs, n)
             else:
-                ex, ey, ez = on_edge(e, x, y, edges)
+                ex, ey, ez = on_edge(e, x, y, circles, edges)
                 n = show(e, side, ex, ey, ez, edges, state, arcs, n)
         bottom = w
         if n_active > 0:
-            bottom = above[n_active - 1] + state[active[n_active - 1], GAIN]
+            bottom = whole[ABOVE, n_active - 1] + whole[STEP, n_active - 1]
         lowest = min(lowest, bottom)
         if (bottom == 0) != horizon:
             if horizon:
-                n = show_horizon(horizon_key, key_1, horizon_t, horizon_m, x, y, normal, arcs, n)
-            horizon = not horizon
-            horizon_key, horizon_t, horizon_m = key_1, x, y
-        key_0, t0, m0 = key_1, x, y
-        first = last
+                n = show_horizon(horizon_key, key, horizon_t, horizon_m, x, y, normal, arcs, n)
+            horizon, horizon_key, horizon_t, horizon_m = not horizon, key, x, y
 
-    if n_active > 0:
-        _evaluate(along, across, n_active, 1.0, 0.0, value)
-        for k in range(n_active):
-            value[k] = _within(active[k], value[k], 1.0, edges)
-        if _out_of_order(value, n_active):
-            n, crossings, low = reorder(
-                n_active,
-                key_0,
-                2.0 * np.pi,
-                1.0,
-                0.0,
-                active,
-                above,
-                value,
-                along,
-                across,
-                copy,
-                pairs,
-                places,
-                edges,
-                state,
-                arcs,
-                n,
-            )
-            if crossings < 0:
-                return n, -1, 0
-            all_crossings += crossings
-        for k in range(n_active):
-            e = active[k]
-            x, y, z = on_edge(e, 1.0, 0.0, edges)
-            n = show(e, 0, x, y, z, edges, state, arcs, n)
+    evaluate(n_active, 1, 1.0, 0.0, whole, real, edges)
+    if out_of_order(n_active, real):
+        key = 2.0 * np.pi
+        n, crossings, _ = reorder(
+            n_active, key_0, key, 1.0, 0.0, whole, real, pairs, spots, circles, edges, state, arcs, n
+        )
+        if crossings < 0:
+            return n, -1, 0
+        all_crossings += crossings
+    for k in range(n_active):
+        x, y, z = on_edge(whole[EDGE, k], 1.0, 0.0, circles, edges)
+        n = show(whole[EDGE, k], 0, x, y, z, edges, state, arcs, n)
     if horizon:
         n = show_horizon(horizon_key, 2.0 * np.pi, horizon_t, horizon_m, 1.0, 0.0, normal, arcs, n)
     return n, sound, all_crossings
-
-
-@njit(**INNER)
-def _lowest(above, n_active):
-    least = 0
-    for k in range(n_active):
-        least = min(least, above[k])
-    return least

@@ -41,10 +41,10 @@ def show(e, side, x, y, z, edges, state, arcs, n):
 
 
 @njit(**INNER)
-def on_edge(e, t, m, edges):
+def on_edge(e, t, m, circles, edges):
     """Direction on edge e above (t, m)."""
     r = np.sqrt(t * t + m * m)
-    a = edges[e, ALONG] * t + edges[e, ACROSS] * m
+    a = circles[e, ALONG] * t + circles[e, ACROSS] * m
     a = a if a > edges[e, LOW] * r else edges[e, LOW] * r
     a = a if a < edges[e, HIGH] * r else edges[e, HIGH] * r
     s = 1.0 / np.sqrt(t * t + m * m + a * a)
