@@ -47,9 +47,7 @@ def references(
     found = embree.ambient_occlusion(points, normals, rays, seed=options.seed, scrambles=SCRAMBLES)
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(
-            kept, points=points, normals=normals, value=found.value, standard_error=found.standard_error
-        )
+        np.savez(kept, points=points, normals=normals, value=found.value, standard_error=found.standard_error)
     return Estimate(found.value, found.standard_error)
 
 

@@ -5,7 +5,7 @@ hierarchy   partition -> bundles (edges), face_bundles
 contours    lift -> search (tiles; filters in float32) -> contour, crossings | octahedral | arc_edges
 starts      along -> zenith | octahedral | arcs
 visible     lines: radial_sweep | sweep; radial_cover (cuts) | cover; visible chooses
-            arcs: arcs (tiles) -> arrangement (a point; arc_list, arc_crossings, boundary) -> arcs_types
+            arcs: arcs (tiles) -> arrangement (a point; arc_crossings, arc_list, boundary)
 integrands  integrands/: radial, radial_sh in closed form along lines; arcs, arcs_sh along arcs, and their
             derivatives arcs_gradient, arcs_sh_gradient; fractions, octahedral_sh, light, masked_light, basis
             by tables (prefix_table of functions, texel_table of maps with texel_scatter; sh, sh_rotation,
