@@ -27,6 +27,8 @@ SCRAMBLES = 64
 
 
 class Estimate(NamedTuple):
+    """Of the rays that were kept."""
+
     value: np.ndarray  # (n,)
     standard_error: np.ndarray  # (n,)
 

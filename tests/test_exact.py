@@ -1,11 +1,11 @@
 """The exact mode: values right to rounding, from the boundary of what a point sees.
 
-The first part tests the oracle, the second what the integrator does with method="exact"; that part is skipped
-as long as the method is not there.
+The first part tests the oracle, the second what the integrator does with method="exact".
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cache
 
@@ -335,8 +335,11 @@ def test_very_many_boxes(drawn: tuple[Mesh, np.ndarray, np.ndarray]) -> None:
     check_boxes(*drawn)
 
 
+# SILINT_ORACLE_POINTS=1000 takes about an hour on two cores.
 @pytest.mark.slow
-@pytest.mark.parametrize("s", oracle_scenes(30), ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    "s", oracle_scenes(int(os.environ.get("SILINT_ORACLE_POINTS", "30"))), ids=lambda s: s.name
+)
 def test_many_points(s: ExactScene) -> None:
     built = SilhouetteIntegrator(Scene(*s.mesh))
     arcs = lifted(built, s.points, s.normals)
