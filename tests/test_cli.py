@@ -26,7 +26,7 @@ def here(tmp_path, monkeypatch):
 
 
 def run(capfd, *arguments: str) -> tuple[int, str, str]:
-    code = cli._run(list(arguments))
+    code = cli.run(list(arguments))
     out, err = capfd.readouterr()
     return code, out, err
 
@@ -65,7 +65,7 @@ def test_version_and_help(capfd):
 
 def test_help_needs_no_compiler_and_no_mesh_library():
     code = (
-        "import sys; from silint import cli; cli._run(['bake', '--help']); "
+        "import sys; from silint import cli; cli.run(['bake', '--help']); "
         "print(sorted({'numba', 'trimesh', 'scipy', 'matplotlib', 'embreex'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -262,7 +262,7 @@ def test_the_packaged_scene_is_what_its_generator_makes():
 
 
 def test_without_embreex_the_demo_says_so(capsys):
-    cli._print_comparison(None)
+    cli.demo._print_comparison(None)
     assert "embreex is not installed" in capsys.readouterr().out
 
 

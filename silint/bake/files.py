@@ -6,37 +6,22 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from silint import __version__
+from silint.bake.options import BakeOptions, Progress
 from silint.io import LUMINANCE, TONE_CURVE, Baked, check_output, write_baked
-from silint.validation import InputError, choice, positive_int, positive_number, unit_vector
+from silint.validation import InputError, unit_vector
 
 if TYPE_CHECKING:
-    from silint.environment import Environment
     from silint.integrator import SilhouetteIntegrator
     from silint.scene import Scene
 
-__all__ = [
-    "PER",
-    "QUANTITIES",
-    "WEIGHTINGS",
-    "bake",
-    "bake_scene",
-    "load_and_build",
-    "peak_memory",
-    "same_file",
-    "sites",
-]
-
-QUANTITIES = ("ao", "sky", "bent", "irradiance")
-PER = ("vertex", "face")
-WEIGHTINGS = ("cosine", "uniform")
-
-Progress = Callable[[int, int], None]
+__all__ = ["bake", "bake_scene", "load_and_build", "peak_memory", "same_file", "sites"]
 
 _MEANINGS = {
     "ao": "ambient occlusion: visible fraction of the hemisphere; 1 = open, 0 = closed",
@@ -51,13 +36,8 @@ def bake(
     output: str | os.PathLike[str],
     quantity: str = "ao",
     per: str = "vertex",
-    isolines: int | None = None,
-    method: str = "auto",
-    weighting: str = "cosine",
-    up: npt.ArrayLike = (0.0, 0.0, 1.0),
-    tolerance: float | None = None,
     progress: Progress | None = None,
-    environment: Environment | str | os.PathLike[str] | None = None,
+    **options: Any,
 ) -> dict[str, Any]:
     """Integrate over what each vertex or face of a mesh file sees, and write the results.
 
@@ -68,24 +48,11 @@ def bake(
     output : str or path-like
         A .npz, .ply or .glb file; see `silint.io.write` for what stands in each.
     quantity : {"ao", "sky", "bent", "irradiance"}
-        Ambient occlusion, sky view factor, or bent normals: 1 = open, 0 = closed. Or what arrives from an
-        environment.
     per : {"vertex", "face"}
-        At the file's own vertices with their normals, or at the faces' centres.
-    isolines : int, optional
-        Lines for each point, by default 64; the error falls as their number grows.
-    method : {"auto", "octahedral", "radial", "exact"}
-        "exact" integrates along boundary arcs, without lines.
-    weighting : {"cosine", "uniform"}
-        Of ambient occlusion; the other quantities are cosine-weighted by definition.
-    up : array_like, shape (3,)
-        Where the sky is, for "sky".
-    tolerance : float, optional
-        In place of isolines: take as many as every point needs to be this accurate.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
-    environment : Environment or path, optional
-        For "irradiance": a map (.hdr, .exr, ...), with its +y up.
+    **options
+        The others of `BakeOptions`.
 
     Returns
     -------
@@ -98,18 +65,15 @@ def bake(
         An option, the mesh file or the place of the output is no good, in one line. The output is
         checked before anything is computed, and nothing is left half-written.
     """
-    _check_options(quantity, per, isolines, method, weighting, tolerance)
-    unit_vector(up, "up")
+    asked = BakeOptions(quantity, per, **options)
     check_output(output)
-    light = _environment(quantity, environment)
+    light = asked.light()
     if same_file(mesh_path, output):
         raise InputError(f"{output}: is the mesh itself; give the result another name")
 
     integrator, seconds = load_and_build(mesh_path)
     began = time.perf_counter()
-    baked, no_normal, diagnostics = bake_scene(
-        integrator, quantity, per, isolines, method, weighting, up, tolerance, progress, light
-    )
+    baked, no_normal, diagnostics = _bake(integrator, replace(asked, environment=light), progress)
     integrated = time.perf_counter()
     write_baked(output, baked)
     seconds |= {"integrate": integrated - began, "write": time.perf_counter() - integrated}
@@ -140,13 +104,8 @@ def bake_scene(
     integrator: SilhouetteIntegrator,
     quantity: str = "ao",
     per: str = "vertex",
-    isolines: int | None = None,
-    method: str = "auto",
-    weighting: str = "cosine",
-    up: npt.ArrayLike = (0.0, 0.0, 1.0),
-    tolerance: float | None = None,
     progress: Progress | None = None,
-    environment: Environment | None = None,
+    **options: Any,
 ) -> tuple[Baked, int, dict[str, Any]]:
     """As `bake`, of a scene in memory, and without writing anything.
 
@@ -154,7 +113,7 @@ def bake_scene(
     ----------
     integrator : SilhouetteIntegrator
         Of the scene whose vertices or faces are wanted.
-    quantity, per, isolines, method, weighting, up, tolerance, progress, environment
+    quantity, per, progress, **options
         As in `bake`.
 
     Returns
@@ -167,20 +126,25 @@ def bake_scene(
     diagnostics : dict
         The integrator's own counts.
     """
-    _check_options(quantity, per, isolines, method, weighting, tolerance)
-    light = _environment(quantity, environment)
+    return _bake(integrator, BakeOptions(quantity, per, **options), progress)
+
+
+def _bake(
+    integrator: SilhouetteIntegrator, asked: BakeOptions, progress: Progress | None
+) -> tuple[Baked, int, dict[str, Any]]:
+    light, quantity, per = asked.light(), asked.quantity, asked.per
     scene = integrator.scene
     points, normals, valid = sites(scene, per)
     options: dict[str, Any] = {
-        "isolines": isolines,
-        "method": method,
-        "tolerance": tolerance,
+        "isolines": asked.isolines,
+        "method": asked.method,
+        "tolerance": asked.tolerance,
         "progress": progress,
     }
     if quantity == "ao":
-        options["weighting"] = weighting
+        options["weighting"] = asked.weighting
     elif quantity == "sky":
-        options["up"] = up
+        options["up"] = asked.up
     elif quantity == "irradiance":
         options["environment"] = light
     queries: dict[str, Callable[..., Any]] = {
@@ -198,42 +162,14 @@ def bake_scene(
         "meaning": _MEANINGS[quantity],
         "per": per,
         "isolines": result.diagnostics["isolines"],
-        **({"tolerance": tolerance} if tolerance is not None else {}),
-        "method": method,
-        "weighting": weighting if quantity == "ao" else "cosine",
-        **({"up": [float(x) for x in unit_vector(up, "up")]} if quantity == "sky" else {}),
+        **({"tolerance": asked.tolerance} if asked.tolerance is not None else {}),
+        "method": asked.method,
+        "weighting": asked.weighting if quantity == "ao" else "cosine",
+        **({"up": [float(x) for x in unit_vector(asked.up, "up")]} if quantity == "sky" else {}),
         **({"environment": light.name, "colours": TONE_CURVE} if light is not None else {}),
     }
     baked = Baked(quantity, per, value, points, normals, scene.vertices, scene.faces, metadata)
     return baked, int(np.count_nonzero(~valid)), dict(result.diagnostics)
-
-
-def _environment(quantity: str, given: Environment | str | os.PathLike[str] | None) -> Environment | None:
-    """The environment of an irradiance, read from its file if need be."""
-    if quantity != "irradiance":
-        if given is not None:
-            raise InputError(f"environment given; only quantity 'irradiance' has one, this is {quantity!r}")
-        return None
-    if given is None:
-        raise InputError("quantity 'irradiance' needs an environment: a map (.hdr, .exr), or Environment")
-    from silint.environment import Environment
-
-    return given if isinstance(given, Environment) else Environment.from_file(given)
-
-
-def _check_options(
-    quantity: str, per: str, isolines: int | None, method: str, weighting: str, tolerance: float | None
-) -> None:
-    choice(quantity, "quantity", QUANTITIES)
-    choice(per, "per", PER)
-    if isolines is not None:
-        positive_int(isolines, "isolines")
-    if tolerance is not None:
-        positive_number(tolerance, "tolerance")
-    from silint.evaluate import METHODS  # and numba with it
-
-    choice(method, "method", METHODS)
-    choice(weighting, "weighting", WEIGHTINGS)
 
 
 def sites(

@@ -1,0 +1,19 @@
+"""From a mesh file to a file with a value for each of its vertices or faces."""
+
+from __future__ import annotations
+
+from silint.bake.files import bake, bake_scene, load_and_build, peak_memory, same_file, sites
+from silint.bake.options import PER, QUANTITIES, WEIGHTINGS, BakeOptions
+
+__all__ = [
+    "PER",
+    "QUANTITIES",
+    "WEIGHTINGS",
+    "BakeOptions",
+    "bake",
+    "bake_scene",
+    "load_and_build",
+    "peak_memory",
+    "same_file",
+    "sites",
+]
