@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from silint.bake.files import bake, bake_scene, load_and_build, peak_memory, same_file, sites
-from silint.bake.options import PER, QUANTITIES, WEIGHTINGS, BakeOptions
+from silint.bake.files import bake, bake_scene, load_and_build, peak_memory, same_file
+from silint.bake.options import NORMALS, PER, QUANTITIES, WEIGHTINGS, BakeOptions
+from silint.bake.targets import sites
 
 __all__ = [
+    "NORMALS",
     "PER",
     "QUANTITIES",
     "WEIGHTINGS",

@@ -5,23 +5,22 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from silint import __version__
 from silint.bake.options import BakeOptions, Progress
+from silint.bake.targets import Targets, targets
 from silint.io import LUMINANCE, TONE_CURVE, Baked, check_output, write_baked
 from silint.validation import InputError, unit_vector
 
 if TYPE_CHECKING:
+    from silint.bake.integrate import Integrals
     from silint.integrator import SilhouetteIntegrator
     from silint.scene import Scene
 
-__all__ = ["bake", "bake_scene", "load_and_build", "peak_memory", "same_file", "sites"]
+__all__ = ["bake", "bake_scene", "load_and_build", "peak_memory", "same_file"]
 
 _MEANINGS = {
     "ao": "ambient occlusion: visible fraction of the hemisphere; 1 = open, 0 = closed",
@@ -29,6 +28,7 @@ _MEANINGS = {
     "bent": "bent normal: (1/pi) int V max(n.w,0) w dw; its length says how open (2/3 = fully)",
     "irradiance": "int L V max(n.w,0) dw, linear Rec. 709: radiance of the environment times steradians",
 }
+_TWO_SIDED = "; mean of both sides, of n and -n"
 
 
 def bake(
@@ -67,16 +67,20 @@ def bake(
     """
     asked = BakeOptions(quantity, per, **options)
     check_output(output)
-    light = asked.light()
     if same_file(mesh_path, output):
         raise InputError(f"{output}: is the mesh itself; give the result another name")
+    for occluder in asked.occluders:
+        if same_file(occluder, output):
+            raise InputError(f"{output}: is one of the occluders; give the result another name")
+    from silint.scene import load_scene
 
-    integrator, seconds = load_and_build(mesh_path)
+    asked = asked.with_light()
     began = time.perf_counter()
-    baked, no_normal, diagnostics = _bake(integrator, replace(asked, environment=light), progress)
+    scene = load_scene(mesh_path)
+    baked, found, integrals, loaded = _bake(scene, asked, progress, os.fspath(mesh_path))
     integrated = time.perf_counter()
     write_baked(output, baked)
-    seconds |= {"integrate": integrated - began, "write": time.perf_counter() - integrated}
+    written = time.perf_counter()
 
     told = baked.value
     if quantity == "bent":
@@ -87,21 +91,29 @@ def bake(
         "mesh": os.fspath(mesh_path),
         "output": os.fspath(output),
         **baked.metadata,
-        "n_vertices": integrator.scene.n_vertices,
-        "n_faces": integrator.scene.n_faces,
+        "n_vertices": scene.n_vertices,
+        "n_faces": scene.n_faces,
         "n_points": len(baked.value),
-        "without_normal": no_normal,
+        "without_normal": int(np.count_nonzero(~found.valid)),
+        "computed_normals": found.computed_normals,
+        "split_vertices": found.split_vertices,
         "mean": float(told.mean()),
         "min": float(told.min()),
         "max": float(told.max()),
-        "seconds": seconds,
+        "files": [{"path": os.fspath(output), "bytes": os.path.getsize(output)}],
+        "seconds": {
+            "load": loaded - began,
+            "build": integrals.build_seconds,
+            "integrate": integrated - loaded - integrals.build_seconds,
+            "write": written - integrated,
+        },
         "peak_memory_bytes": peak_memory(),
-        "diagnostics": diagnostics,
+        "diagnostics": integrals.diagnostics,
     }
 
 
 def bake_scene(
-    integrator: SilhouetteIntegrator,
+    source: SilhouetteIntegrator | Scene,
     quantity: str = "ao",
     per: str = "vertex",
     progress: Progress | None = None,
@@ -111,77 +123,71 @@ def bake_scene(
 
     Parameters
     ----------
-    integrator : SilhouetteIntegrator
-        Of the scene whose vertices or faces are wanted.
+    source : SilhouetteIntegrator or Scene
+        Whose vertices or faces are wanted. An integrator serves as it is unless something else blocks:
+        occluders, or groups by themselves.
     quantity, per, progress, **options
         As in `bake`.
 
     Returns
     -------
     baked : Baked
-        A row for each vertex or face of the scene. Where there is no normal (a vertex without faces, a face
-        without area) ambient occlusion and sky are 1, bent normal and irradiance 0.
+        A row for each vertex or face. Where there is no normal (a vertex without faces, a face without area)
+        ambient occlusion and sky are 1, bent normal and irradiance 0.
     without_normal : int
         How many such rows there are.
     diagnostics : dict
-        The integrator's own counts.
+        The integrators' own counts.
     """
-    return _bake(integrator, BakeOptions(quantity, per, **options), progress)
+    from silint.scene import as_scene
+
+    scene = as_scene(getattr(source, "scene", source))
+    asked = BakeOptions(quantity, per, **options).with_light()
+    baked, found, integrals, _ = _bake(source, asked, progress, scene.name or "the scene")
+    return baked, int(np.count_nonzero(~found.valid)), integrals.diagnostics
 
 
 def _bake(
-    integrator: SilhouetteIntegrator, asked: BakeOptions, progress: Progress | None
-) -> tuple[Baked, int, dict[str, Any]]:
-    light, quantity, per = asked.light(), asked.quantity, asked.per
-    scene = integrator.scene
-    points, normals, valid = sites(scene, per)
-    options: dict[str, Any] = {
-        "isolines": asked.isolines,
-        "method": asked.method,
-        "tolerance": asked.tolerance,
-        "progress": progress,
-    }
-    if quantity == "ao":
-        options["weighting"] = asked.weighting
-    elif quantity == "sky":
-        options["up"] = asked.up
-    elif quantity == "irradiance":
-        options["environment"] = light
-    queries: dict[str, Callable[..., Any]] = {
-        "ao": integrator.ambient_occlusion,
-        "sky": integrator.sky_view_factor,
-        "bent": integrator.bent_normals,
-        "irradiance": integrator.irradiance,
-    }
-    result = queries[quantity](points[valid], normals[valid], full_output=True, **options)
-    value = np.full((len(points), *result.value.shape[1:]), 1.0 if quantity in ("ao", "sky") else 0.0)
-    value[valid] = result.value
+    source: SilhouetteIntegrator | Scene, asked: BakeOptions, progress: Progress | None, label: str
+) -> tuple[Baked, Targets, Integrals, float]:
+    """The result with all that is known of it, and when all files had been read."""
+    from silint.bake.integrate import integrate
+    from silint.scene import as_scene
+
+    scene = as_scene(getattr(source, "scene", source))
+    found = targets(scene, asked, label)
+    occluders = [as_scene(occluder) for occluder in asked.occluders]
+    loaded = time.perf_counter()
+    integrals = integrate(source, occluders, found, asked, progress)
+    light: Any = asked.environment
     metadata = {
         "software": f"silint {__version__}",
-        "quantity": quantity,
-        "meaning": _MEANINGS[quantity],
-        "per": per,
-        "isolines": result.diagnostics["isolines"],
+        "quantity": asked.quantity,
+        "meaning": _MEANINGS[asked.quantity] + (_TWO_SIDED if asked.two_sided else ""),
+        "per": asked.per,
+        "isolines": integrals.diagnostics["isolines"],
         **({"tolerance": asked.tolerance} if asked.tolerance is not None else {}),
         "method": asked.method,
-        "weighting": asked.weighting if quantity == "ao" else "cosine",
-        **({"up": [float(x) for x in unit_vector(asked.up, "up")]} if quantity == "sky" else {}),
+        "weighting": asked.weighting if asked.quantity == "ao" else "cosine",
+        **({"up": [float(x) for x in unit_vector(asked.up, "up")]} if asked.quantity == "sky" else {}),
         **({"environment": light.name, "colours": TONE_CURVE} if light is not None else {}),
+        "normals": found.normals_from,
+        **({"two_sided": True} if asked.two_sided else {}),
+        **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
+        **({"self_only": True} if asked.self_only else {}),
+        **({"groups": list(asked.groups)} if asked.groups else {}),
     }
-    baked = Baked(quantity, per, value, points, normals, scene.vertices, scene.faces, metadata)
-    return baked, int(np.count_nonzero(~valid)), dict(result.diagnostics)
-
-
-def sites(
-    scene: Scene, per: str
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Points, normals (zero where there is none), and where there is one, of a mesh's vertices or faces."""
-    if per == "face":
-        points, normals, valid = scene.face_centers_normals()
-    else:
-        normals, valid = scene.vertex_normals()
-        points = scene.vertices
-    return points, np.where(valid[:, None], normals, 0.0), valid
+    baked = Baked(
+        asked.quantity,
+        asked.per,
+        integrals.value,
+        found.points,
+        found.normals,
+        found.vertices,
+        found.faces,
+        metadata,
+    )
+    return baked, found, integrals, loaded
 
 
 def load_and_build(mesh_path: str | os.PathLike[str]) -> tuple[SilhouetteIntegrator, dict[str, float]]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
@@ -14,11 +14,12 @@ from silint.validation import InputError, choice, positive_int, positive_number,
 if TYPE_CHECKING:
     from silint.environment import Environment
 
-__all__ = ["PER", "QUANTITIES", "WEIGHTINGS", "BakeOptions", "Progress"]
+__all__ = ["NORMALS", "PER", "QUANTITIES", "WEIGHTINGS", "BakeOptions", "Progress"]
 
 QUANTITIES = ("ao", "sky", "bent", "irradiance")
 PER = ("vertex", "face")
 WEIGHTINGS = ("cosine", "uniform")
+NORMALS = ("auto", "file", "smooth", "flat")
 
 Progress = Callable[[int, int], None]
 
@@ -46,6 +47,21 @@ class BakeOptions:
         In place of isolines: take as many as every point needs to be this accurate.
     environment : Environment or path, optional
         For "irradiance": a map (.hdr, .exr, ...), with its +y up.
+    normals : {"auto", "file", "smooth", "flat"}
+        The hemispheres' axes. "file": the file's own. "smooth": angle-weighted means of the faces that meet
+        at a vertex, whatever the file has. "flat": the faces' own; for vertices this splits the mesh, so that
+        every face has its three. "auto": for vertices the file's own or else smooth, for faces flat. Faces
+        with "file" or "smooth" take the mean of their corners'.
+    two_sided : bool
+        Mean of the values for n and for -n: of surfaces that are seen from both sides, such as leaves.
+    occluders : sequence of path, Scene or trimesh object
+        Meshes that block and are not baked: the output does not hold them.
+    self_only : bool
+        Objects do not occlude each other: each group of the file (glTF node, .obj object) is blocked by
+        itself and the occluders alone. A vertex that several groups use becomes one for each.
+    groups : sequence of str
+        Bake these only, and leave the rest of the file out of the output; it blocks all the same, unless
+        `self_only`.
 
     Raises
     ------
@@ -61,6 +77,11 @@ class BakeOptions:
     up: npt.ArrayLike = (0.0, 0.0, 1.0)
     tolerance: float | None = None
     environment: Environment | str | os.PathLike[str] | None = None
+    normals: str = "auto"
+    two_sided: bool = False
+    occluders: Sequence[Any] = ()
+    self_only: bool = False
+    groups: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         choice(self.quantity, "quantity", QUANTITIES)
@@ -74,6 +95,15 @@ class BakeOptions:
         choice(self.method, "method", METHODS)
         choice(self.weighting, "weighting", WEIGHTINGS)
         unit_vector(self.up, "up")
+        choice(self.normals, "normals", NORMALS)
+        # One may stand alone. (A string would pass for a sequence of its letters.)
+        for name in ("occluders", "groups"):
+            given = getattr(self, name)
+            alone = given is not None and not isinstance(given, list | tuple | set | frozenset)
+            object.__setattr__(self, name, (given,) if alone else tuple(given or ()))
+        for group in self.groups:
+            if not isinstance(group, str):
+                raise InputError(f"groups holds a {type(group).__name__}; expected names")
         if self.quantity == "irradiance" and self.environment is None:
             raise InputError("quantity 'irradiance' needs an environment: a map (.hdr, .exr), or Environment")
         if self.quantity != "irradiance" and self.environment is not None:
@@ -81,11 +111,10 @@ class BakeOptions:
                 f"environment given; only quantity 'irradiance' has one, this is {self.quantity!r}"
             )
 
-    def light(self) -> Environment | None:
-        """The environment of an irradiance, read from its file if need be."""
-        if self.environment is None:
-            return None
+    def with_light(self) -> BakeOptions:
+        """The same, with the environment read if it is the name of a file."""
         from silint.environment import Environment
 
-        given = self.environment
-        return given if isinstance(given, Environment) else Environment.from_file(given)
+        if self.environment is None or isinstance(self.environment, Environment):
+            return self
+        return replace(self, environment=Environment.from_file(self.environment))

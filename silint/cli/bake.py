@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from silint.cli.output import JsonFlag, print_costs, print_json, progress_bar, stage
+from silint.cli.output import (
+    JsonFlag,
+    print_costs,
+    print_files,
+    print_json,
+    print_notes,
+    progress_bar,
+    stage,
+)
 
 __all__ = ["bake_command"]
 
+# What of these options `silint prt` has as well.
+_OF_SH = frozenset({"mesh", "output", "quantity", "per", "isolines", "method", "weighting", "as_json"})
+
 
 def bake_command(
+    context: typer.Context,
     mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb")],
     quantity: Annotated[
@@ -30,17 +42,33 @@ def bake_command(
     ] = None,
     envmap_up: Annotated[str, typer.Option(help="Where the map's top goes: y or z.")] = "y",
     envmap_rotate: Annotated[float, typer.Option(help="Degrees about that axis.")] = 0.0,
+    normals: Annotated[
+        str, typer.Option(help="file, smooth, flat, or auto: the file's or smooth; flat for faces.")
+    ] = "auto",
+    two_sided: Annotated[
+        bool, typer.Option("--two-sided", help="Mean of both sides of the surface, as for leaves.")
+    ] = False,
+    occluder: Annotated[
+        list[str] | None, typer.Option(metavar="FILE", help="Blocks, and is not baked; may be repeated.")
+    ] = None,
+    self_only: Annotated[
+        bool, typer.Option("--self-only", help="Nodes (glTF), objects (.obj) do not block each other.")
+    ] = False,
+    group: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Bake this node or object only; may be repeated.")
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
-    if quantity == "sh" and tolerance is None and envmap is None:
+    if quantity == "sh":
         from silint.cli.prt import prt_command
 
+        _refuse_others(context, _OF_SH, "quantity 'sh'")
         prt_command(
             mesh, output, per=per, isolines=isolines, method=method, weighting=weighting, as_json=as_json
         )
         return
-    with progress_bar() as bar:
+    with progress_bar("points") as bar:
         from silint.bake import bake
         from silint.environment import Environment
 
@@ -57,11 +85,20 @@ def bake_command(
             up=up,
             tolerance=tolerance,
             environment=environment,
+            normals=normals,
+            two_sided=two_sided,
+            occluders=occluder or (),
+            self_only=self_only,
+            groups=group or (),
         )
     if as_json:
         print_json(summary)
-        return
-    sites = "vertices" if per == "vertex" else "faces"
+    else:
+        _print_summary(summary)
+
+
+def _print_summary(summary: dict[str, Any]) -> None:
+    quantity, sites = summary["quantity"], "vertices" if summary["per"] == "vertex" else "faces"
     meaning = "luminance of radiance x sr" if quantity == "irradiance" else "1 is open, 0 is closed"
     print(
         f"{quantity} at {summary['n_points']:,} {sites}: mean {summary['mean']:.4f}, "
@@ -70,5 +107,20 @@ def bake_command(
     if summary["without_normal"]:
         told = "1" if quantity in ("ao", "sky") else "0"
         print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
+    if summary["computed_normals"]:
+        print(f"{summary['computed_normals']:,} vertices have no normal in the file and got a smooth one")
+    if summary["split_vertices"]:
+        print(f"{summary['split_vertices']:,} vertices are new: those that faces or groups shared are split")
+    print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
     print_costs(summary)
-    print(f"wrote {output}")
+    print_files(summary["files"])
+
+
+def _refuse_others(context: typer.Context, known: frozenset[str], of: str) -> None:
+    """Options that would do nothing are mistakes."""
+    from silint.validation import InputError
+
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in known and source is not None and source.name == "COMMANDLINE":
+            raise InputError(f"--{name.replace('_', '-')} is not for {of}")

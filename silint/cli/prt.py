@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from silint.cli.output import JsonFlag, print_costs, print_json, progress_bar, stage
+from silint.cli.output import JsonFlag, print_costs, print_files, print_json, print_notes, progress_bar, stage
 
 __all__ = ["prt_command"]
 
@@ -25,7 +25,7 @@ def prt_command(
 
     A folder gets bounce/bounce0.txt and bounce/face.npy, as computePRT of PIFu writes them.
     """
-    with progress_bar() as bar:
+    with progress_bar("points") as bar:
         from silint.prt import prt_file
 
         summary = prt_file(
@@ -43,6 +43,6 @@ def prt_command(
     )
     if summary["without_normal"]:
         print(f"{summary['without_normal']:,} {sites} have no normal and got 0")
+    print_notes(summary["diagnostics"])
     print_costs(summary)
-    for file in summary["files"]:
-        print(f"wrote {file['path']} ({file['bytes']:,} bytes)")
+    print_files(summary["files"])

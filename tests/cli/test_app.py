@@ -75,7 +75,8 @@ def test_help_needs_no_compiler_and_no_mesh_library():
 def test_bake_writes_the_file_and_says_so(here, capfd):
     code, out, err = run(capfd, "bake", "box.ply", "-o", "out.npz", "--isolines", "8")
     assert (code, err) == (0, "")
-    assert "ao at 8 vertices" in out and out.splitlines()[-1] == "wrote out.npz"
+    assert "ao at 8 vertices" in out and "integrated 8 points in" in out
+    assert out.splitlines()[-1] == f"wrote out.npz ({os.path.getsize('out.npz'):,} bytes)"
     # At the corner of a convex solid, its mean normal's hemisphere is open.
     assert np.array_equal(read_values("out.npz", "ao"), np.ones(8))
 
