@@ -99,10 +99,16 @@ class Scene:
         return len(self.faces)
 
     @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """The lowest and the highest corner, (3,) each, of the box around all faces."""
+        used = self.vertices[np.unique(self.faces)]
+        return used.min(axis=0), used.max(axis=0)
+
+    @property
     def extent(self) -> float:
         """The longest side of the bounding box, in the file's unit."""
-        used = self.vertices[np.unique(self.faces)]
-        return float((used.max(axis=0) - used.min(axis=0)).max())
+        low, high = self.bounds
+        return float((high - low).max())
 
     @cached_property
     def _connected(self) -> tuple[Topology, Welding, dict[str, int]]:

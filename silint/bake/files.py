@@ -157,8 +157,9 @@ def _bake(
     scene = as_scene(getattr(source, "scene", source))
     found = targets(scene, asked, label)
     occluders = [as_scene(occluder) for occluder in asked.occluders]
+    limits = asked.limits(scene, occluders)
     loaded = time.perf_counter()
-    integrals = integrate(source, occluders, found, asked, progress)
+    integrals = integrate(source, occluders, found, asked, limits, progress)
     light: Any = asked.environment
     metadata = {
         "software": f"silint {__version__}",
@@ -176,6 +177,7 @@ def _bake(
         **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
         **({"self_only": True} if asked.self_only else {}),
         **({"groups": list(asked.groups)} if asked.groups else {}),
+        **limits,
     }
     baked = Baked(
         asked.quantity,

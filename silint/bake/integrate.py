@@ -35,6 +35,7 @@ def integrate(
     occluders: Sequence[Scene],
     targets: Targets,
     asked: BakeOptions,
+    limits: dict[str, Any],
     progress: Progress | None,
 ) -> Integrals:
     """Integrate at all points that have a normal.
@@ -47,6 +48,8 @@ def integrate(
         What blocks besides.
     targets : Targets
     asked : BakeOptions
+    limits : dict
+        As queries take them.
     progress : callable, optional
 
     Returns
@@ -61,6 +64,7 @@ def integrate(
     }
     name, options, shape, without_normal = queries[asked.quantity]
     options |= {"isolines": asked.isolines, "method": asked.method, "tolerance": asked.tolerance}
+    options |= limits
 
     value = np.full((len(targets.points), *shape), without_normal)
     sides = (1.0, -1.0) if asked.two_sided else (1.0,)

@@ -7,12 +7,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
-from silint.validation import InputError, choice, positive_int, positive_number, unit_vector
+from silint.limits import Limits
+from silint.validation import (
+    InputError,
+    choice,
+    finite_number,
+    positive_int,
+    positive_number,
+    unit_vector,
+)
 
 if TYPE_CHECKING:
     from silint.environment import Environment
+    from silint.scene import Scene
 
 __all__ = ["NORMALS", "PER", "QUANTITIES", "WEIGHTINGS", "BakeOptions", "Progress"]
 
@@ -42,7 +52,7 @@ class BakeOptions:
     weighting : {"cosine", "uniform"}
         Of ambient occlusion; the other quantities are cosine-weighted by definition.
     up : array_like, shape (3,)
-        Where the sky is, for "sky".
+        Where the sky is, for "sky", and which way a `ground` looks.
     tolerance : float, optional
         In place of isolines: take as many as every point needs to be this accurate.
     environment : Environment or path, optional
@@ -62,6 +72,12 @@ class BakeOptions:
     groups : sequence of str
         Bake these only, and leave the rest of the file out of the output; it blocks all the same, unless
         `self_only`.
+    max_distance, falloff, spread, backfaces
+        What counts: see `silint.Limits`. Percents are of the diagonal of the mesh file's bounding box,
+        whatever is baked of it and whatever else blocks. Irradiance has no `spread`.
+    ground : float, "auto" or array_like (4,), optional
+        A ground that blocks: its height along `up`, "auto" for that of the lowest vertex of all meshes, or a
+        plane as in `silint.Limits`.
 
     Raises
     ------
@@ -82,6 +98,11 @@ class BakeOptions:
     occluders: Sequence[Any] = ()
     self_only: bool = False
     groups: Sequence[str] = ()
+    max_distance: float | str | None = None
+    falloff: str = "none"
+    spread: float = 90.0
+    backfaces: str = "block"
+    ground: float | str | npt.ArrayLike | None = None
 
     def __post_init__(self) -> None:
         choice(self.quantity, "quantity", QUANTITIES)
@@ -104,12 +125,56 @@ class BakeOptions:
         for group in self.groups:
             if not isinstance(group, str):
                 raise InputError(f"groups holds a {type(group).__name__}; expected names")
+        self._check_limits()
         if self.quantity == "irradiance" and self.environment is None:
             raise InputError("quantity 'irradiance' needs an environment: a map (.hdr, .exr), or Environment")
         if self.quantity != "irradiance" and self.environment is not None:
             raise InputError(
                 f"environment given; only quantity 'irradiance' has one, this is {self.quantity!r}"
             )
+
+    def _check_limits(self) -> None:
+        """Before anything is read: any plane may stand for a ground that depends on the scene."""
+        plane = self.ground
+        if isinstance(plane, str | int | float):
+            if isinstance(plane, str) and plane != "auto":
+                raise InputError(f"ground is {plane!r}; expected a height, 'auto', or a plane's four numbers")
+            if not isinstance(plane, str):
+                finite_number(plane, "ground")
+            plane = (0.0, 0.0, 1.0, 0.0)
+        limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, plane)
+        if self.quantity == "irradiance" and limits.spread < 90.0:
+            raise InputError(f"spread is {limits.spread:g}; quantity 'irradiance' has none: leave it out")
+        limits.method_for(self.method, has_exact=self.quantity == "ao", has_spread=True)
+
+    def limits(self, scene: Scene, occluders: Sequence[Scene]) -> dict[str, Any]:
+        """The limits that are given, as queries take them, in the unit of the scene.
+
+        Parameters
+        ----------
+        scene : Scene
+            The whole of what is in the mesh file.
+        occluders : sequence of Scene
+
+        Returns
+        -------
+        dict
+            By the names of `silint.Limits`; empty if there are none.
+        """
+        ground: Any = self.ground
+        if isinstance(ground, str | int | float):
+            up = unit_vector(self.up, "up")
+            if ground == "auto":
+                parts = (scene, *occluders)
+                ground = min(float((part.vertices[np.unique(part.faces)] @ up).min()) for part in parts)
+            ground = (*up, -ground)
+        limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, ground)
+        low, high = scene.bounds
+        found = {name: getattr(limits, name) for name in limits.given}
+        if "max_distance" in found:
+            found["max_distance"] = limits.distance(float(np.linalg.norm(high - low)))
+            found["falloff"] = limits.falloff
+        return found
 
     def with_light(self) -> BakeOptions:
         """The same, with the environment read if it is the name of a file."""

@@ -36,7 +36,7 @@ def bake_command(
     ] = None,
     method: Annotated[str, typer.Option(help="auto, radial, octahedral or exact.")] = "auto",
     weighting: Annotated[str, typer.Option(help="Of ao: cosine or uniform.")] = "cosine",
-    up: Annotated[tuple[float, float, float], typer.Option(help="Of sky: where it is.")] = (0.0, 0.0, 1.0),
+    up: Annotated[tuple[float, float, float], typer.Option(help="Of sky and ground.")] = (0.0, 0.0, 1.0),
     envmap: Annotated[
         str | None, typer.Option(metavar="MAP", help="Of irradiance: .hdr .exr .png .jpg.")
     ] = None,
@@ -56,6 +56,19 @@ def bake_command(
     ] = False,
     group: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Bake this node or object only; may be repeated.")
+    ] = None,
+    max_distance: Annotated[
+        str | None,
+        typer.Option(metavar="R|P%", help="What is farther does not block: length, or % of diagonal."),
+    ] = None,
+    falloff: Annotated[
+        str, typer.Option(help="Of blocking over max-distance: none, linear or quadratic.")
+    ] = "none",
+    spread: Annotated[float, typer.Option(help="Degrees: the half-angle of the cone that counts.")] = 90.0,
+    backfaces: Annotated[str, typer.Option(help="block or ignore: faces seen from their back.")] = "block",
+    ground: Annotated[
+        str | None,
+        typer.Option(metavar="HEIGHT|auto", help="A plane that blocks, along --up; auto: below all."),
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -90,6 +103,11 @@ def bake_command(
             occluders=occluder or (),
             self_only=self_only,
             groups=group or (),
+            max_distance=max_distance,
+            falloff=falloff,
+            spread=spread,
+            backfaces=backfaces,
+            ground=_number(ground),
         )
     if as_json:
         print_json(summary)
@@ -114,6 +132,14 @@ def _print_summary(summary: dict[str, Any]) -> None:
     print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
     print_costs(summary)
     print_files(summary["files"])
+
+
+def _number(text: str | None) -> float | str | None:
+    """A number as such, and anything else for others to judge."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
 
 
 def _refuse_others(context: typer.Context, known: frozenset[str], of: str) -> None:

@@ -279,6 +279,85 @@ def test_progress_of_many_queries_is_one(here):
     assert calls[-1] == (36, 36) and len(Counter(total for _, total in calls)) == 1
 
 
+# ------------------------------------------------------------------------------------------------- limits
+
+# As far as this the lid is seen from the middle of the floor in a disc, which touches the square's edges and
+# reaches 45 degrees from the normal.
+R = np.sqrt(2) * UNIT
+DISC = {
+    "none": 0.5,  # sin^2
+    "linear": 0.5 - (np.sqrt(2) - 1),  # int (1 - UNIT / (R cos t)) 2 cos t sin t dt
+    "quadratic": 0.5 - np.log(2) / 2,
+}
+# 64 isolines at a straight edge through the normal: measured 3.0e-3; at a disc's rim, with or without falloff,
+# less.
+LINES = 4e-3
+
+
+def limited(mesh: str, **options) -> float:
+    return ao(mesh, method="auto", isolines=64, **options)[MIDDLE]
+
+
+@pytest.mark.parametrize("falloff", DISC)
+def test_distance_and_falloff(here, falloff):
+    value = limited("both.obj", max_distance=R, falloff=falloff)
+    assert value == pytest.approx(1 - DISC[falloff], abs=LINES)
+    assert limited("both.obj", max_distance=0.9 * UNIT, falloff=falloff) == 1.0
+
+
+def test_percents_are_of_the_file_whatever_is_baked_and_blocks(here):
+    # The diagonal of both is 3 units, that of the floor sqrt(8).
+    for mesh, percent, options in (
+        ("both.obj", 100 * R / (3 * UNIT), {}),
+        ("both.obj", 100 * R / (3 * UNIT), {"groups": "floor"}),
+        ("both.obj", 100 * R / (3 * UNIT), {"self_only": True, "occluders": "lid.obj"}),
+        ("floor.obj", 50.0, {"occluders": "lid.obj"}),
+    ):
+        value = limited(mesh, max_distance=f"{percent}%", **options)
+        assert value == pytest.approx(0.5, abs=LINES)
+        with np.load("out.npz") as data:
+            metadata = json.loads(str(data["metadata"]))
+        assert metadata["max_distance"] == pytest.approx(R) and metadata["falloff"] == "none"
+
+
+def test_spread_and_backfaces(here):
+    """A cone of 45 degrees ends where the lid does; and it is the lid's back that the floor sees."""
+    assert limited("both.obj", spread=45.0) == pytest.approx(0.0, abs=LIFTED)
+    assert limited("both.obj", backfaces="ignore") == 1.0
+    assert limited("both.obj") == pytest.approx(1 - LID, abs=LINES)
+
+
+def test_ground(here):
+    """A wall over an infinite ground sees half; what is under ground, nothing."""
+    vertical = "\n".join(f"v 0 {UNIT * x} {UNIT * z}" for x, z in GRID)
+    quads = "\n".join("f " + " ".join(map(str, quad)) for quad in QUADS)
+    (here / "wall.obj").write_text(f"{vertical}\n{quads}\n")
+
+    def wall(**options):
+        return ao("wall.obj", method="auto", isolines=64, **options)
+
+    np.testing.assert_allclose(wall(ground=-0.2), 0.5, atol=LINES)
+    np.testing.assert_allclose(wall(ground="auto"), 0.5, atol=LINES)
+    np.testing.assert_allclose(wall(ground=0), [0.0] * 3 + [0.5] * 6, atol=LINES)
+    np.testing.assert_allclose(wall(ground=(0, 0, 2, 0)), [0.0] * 3 + [0.5] * 6, atol=LINES)
+    # Along another axis, and below everything that there is.
+    np.testing.assert_allclose(wall(ground=0, up=(0, 1, 0)), [0.0, 0.5, 0.5] * 3, atol=LINES)
+    (here / "deep.obj").write_text("v 5 0 -.7\nv 6 0 -.7\nv 5 1 -.7\nf 1 2 3\n")
+    for options, height in (({}, -UNIT), ({"occluders": "deep.obj"}, -0.7), ({"up": (0, 0, -1)}, -UNIT)):
+        wall(ground="auto", **options)
+        with np.load("out.npz") as data:
+            plane = json.loads(str(data["metadata"]))["ground"]
+        assert plane == pytest.approx([0, 0, options.get("up", (0, 0, 1))[2], -height])
+
+
+def test_limits_of_other_quantities(here):
+    value = ao("both.obj", method="auto", isolines=64, quantity="sky", max_distance=R)[MIDDLE]
+    assert value == pytest.approx(0.5, abs=LINES)
+    bent = ao("both.obj", method="auto", isolines=64, quantity="bent", max_distance=R)[MIDDLE]
+    # 2/3 n less the disc's: int_0^45 2 cos^2 t sin t dt = 2/3 (1 - cos^3 45).
+    np.testing.assert_allclose(bent, [0, 0, 2 / 3 * np.sqrt(0.5) ** 3], atol=LINES)
+
+
 # ---------------------------------------------------------------------------------------------- bad input
 
 
@@ -293,6 +372,17 @@ def test_progress_of_many_queries_is_one(here):
         ({"occluders": ["both.obj", 3]}, "scene is a int"),
         ({"occluders": ["old.ply"], "output": "old.ply"}, "old.ply: is one of the occluders"),
         ({"normals": "file"}, "both.obj: has no normals of its own"),
+        ({"max_distance": "far"}, "max_distance is 'far'; expected"),
+        ({"max_distance": 0.0}, "max_distance is 0.0"),
+        ({"falloff": "linear"}, "falloff is 'linear' without max_distance"),
+        ({"spread": 91.0}, "spread is 91.0"),
+        ({"quantity": "irradiance", "environment": "none.hdr", "spread": 45}, "'irradiance' has none"),
+        ({"backfaces": "cull"}, "backfaces is 'cull'"),
+        ({"ground": "low"}, "ground is 'low'; expected a height, 'auto', or a plane's four numbers"),
+        ({"ground": np.nan}, "ground is nan"),
+        ({"ground": (0, 0, 1)}, "ground has shape (3,)"),
+        ({"ground": 0, "method": "exact"}, "ground given with method='exact'"),
+        ({"max_distance": 1, "method": "octahedral"}, "max_distance given with method='octahedral'"),
         ({"normals": "hard"}, "normals is 'hard'; expected one of 'auto', 'file', 'smooth', 'flat'"),
     ],
 )

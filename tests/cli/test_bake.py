@@ -67,6 +67,21 @@ def test_weighting(here, capfd):
     assert (cosine < uniform - 0.01).all()  # the lid stands high, where cosine weights are large
 
 
+def test_limits(here, capfd):
+    free, _ = bake(capfd, "both.obj", "--group", "floor")
+    for arguments in (("0.5",), ("15%",), ("1.2",), ("1.2", "--falloff", "linear")):
+        value, summary = bake(capfd, "both.obj", "--group", "floor", "--max-distance", *arguments)
+        assert (value == 1).all() if arguments[0] != "1.2" else free.mean() + 0.1 < value.mean() < 1
+    assert summary["falloff"] == "linear" and summary["max_distance"] == 1.2
+    hard, _ = bake(capfd, "both.obj", "--group", "floor", "--max-distance", "1.2")
+    assert hard.mean() < value.mean() - 0.05
+    assert (bake(capfd, "both.obj", "--group", "floor", "--spread", "30")[0] < free).all()
+    assert (bake(capfd, "both.obj", "--group", "floor", "--backfaces", "ignore")[0] == 1).all()
+    assert (bake(capfd, "floor.obj", "--ground", "0.5")[0] == 0).all()
+    value, summary = bake(capfd, "both.obj", "--ground", "auto", "--up", "0", "0", "-1", "--two-sided")
+    assert summary["ground"] == [0.0, 0.0, -1.0, 1.0] and (value < 0.8).all()
+
+
 def test_the_summary_tells_what_happened_in_plain_words(here, capfd):
     """A box inside another sees nothing; vertices without faces have no normal; nothing else is told."""
     inner, outer = trimesh.creation.box([1, 1, 1]), trimesh.creation.box([3, 3, 3])
@@ -114,6 +129,10 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("box.ply", "--group", "wall"), "box.ply: has no groups"),
         (("both.obj", "--occluder", "none.obj"), "none.obj: no such file"),
         (("both.obj", "--normals", "file"), "both.obj: has no normals of its own"),
+        (("both.obj", "--max-distance", "x"), "max_distance is 'x'; expected"),
+        (("both.obj", "--falloff", "linear"), "falloff is 'linear' without max_distance"),
+        (("both.obj", "--spread", "0"), "spread is 0.0"),
+        (("both.obj", "--ground", "x"), "ground is 'x'; expected a height, 'auto'"),
         (("both.obj", "--normals", "round"), "normals is 'round'"),
         (("both.obj", "--quantity", "sh", "--occluder", "lid.obj"), "--occluder is not for quantity 'sh'"),
         (("both.obj", "--quantity", "sh", "--self-only"), "--self-only is not for quantity 'sh'"),
