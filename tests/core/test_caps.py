@@ -149,5 +149,7 @@ def test_limits_that_limit_nothing_change_no_bit() -> None:
             assert not isinstance(found, int) and not isinstance(plain, int)
             assert (found.visible.counts == plain.visible.counts).all()
             for i in range(len(p)):
-                rows = [v.intervals[v.starts[i] :][: v.counts[i].sum()] for v in (found.visible, plain.visible)]
+                rows = [
+                    v.intervals[v.starts[i] :][: v.counts[i].sum()] for v in (found.visible, plain.visible)
+                ]
                 assert (rows[0] == rows[1]).all()
