@@ -170,7 +170,8 @@ def _checked_ground(value: npt.ArrayLike) -> tuple[float, ...]:
     if not plane[:3].any():
         raise InputError("ground has no normal: its a, b and c are 0; expected the direction upwards")
     # The largest first, so that no length overflows.
-    plane = plane / np.abs(plane[:3]).max()
+    with np.errstate(over="ignore", invalid="ignore"):
+        plane = plane / np.abs(plane[:3]).max()
     plane = plane / np.sqrt(plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
     if not np.isfinite(plane).all():
         raise InputError("ground lies too far away for its normal; expected a, b, c of about unit length")
