@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from silint.bake.files import bake, bake_scene, load_and_build, peak_memory, same_file
+from silint.bake.files import bake, bake_scene, check_unread, load_and_build, peak_memory, same_file
 from silint.bake.options import NORMALS, PER, QUANTITIES, WEIGHTINGS, BakeOptions
 from silint.bake.targets import sites
 
@@ -14,6 +14,7 @@ __all__ = [
     "BakeOptions",
     "bake",
     "bake_scene",
+    "check_unread",
     "load_and_build",
     "peak_memory",
     "same_file",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from silint.integrator import SilhouetteIntegrator
     from silint.scene import Scene
 
-__all__ = ["bake", "bake_scene", "load_and_build", "peak_memory", "same_file"]
+__all__ = ["bake", "bake_scene", "check_unread", "load_and_build", "peak_memory", "same_file"]
 
 _MEANINGS = {
     "ao": "ambient occlusion: visible fraction of the hemisphere; 1 = open, 0 = closed",
@@ -67,11 +68,7 @@ def bake(
     """
     asked = BakeOptions(quantity, per, **options)
     check_output(output)
-    if same_file(mesh_path, output):
-        raise InputError(f"{output}: is the mesh itself; give the result another name")
-    for occluder in asked.occluders:
-        if same_file(occluder, output):
-            raise InputError(f"{output}: is one of the occluders; give the result another name")
+    check_unread(output, mesh_path, asked.occluders)
     from silint.scene import load_scene
 
     asked = asked.with_light()
@@ -94,7 +91,7 @@ def bake(
         "n_vertices": scene.n_vertices,
         "n_faces": scene.n_faces,
         "n_points": len(baked.value),
-        "without_normal": int(np.count_nonzero(~found.valid)),
+        "without_normal": int(np.count_nonzero(~found.sites.valid)),
         "computed_normals": found.computed_normals,
         "split_vertices": found.split_vertices,
         "mean": float(told.mean()),
@@ -144,7 +141,7 @@ def bake_scene(
     scene = as_scene(getattr(source, "scene", source))
     asked = BakeOptions(quantity, per, **options).with_light()
     baked, found, integrals, _ = _bake(source, asked, progress, scene.name or "the scene")
-    return baked, int(np.count_nonzero(~found.valid)), integrals.diagnostics
+    return baked, int(np.count_nonzero(~found.sites.valid)), integrals.diagnostics
 
 
 def _bake(
@@ -159,7 +156,7 @@ def _bake(
     occluders = [as_scene(occluder) for occluder in asked.occluders]
     limits = asked.limits(scene, occluders)
     loaded = time.perf_counter()
-    integrals = integrate(source, occluders, found, asked, limits, progress)
+    integrals = integrate(source, occluders, found.sites, asked, limits, progress)
     light: Any = asked.environment
     metadata = {
         "software": f"silint {__version__}",
@@ -183,8 +180,8 @@ def _bake(
         asked.quantity,
         asked.per,
         integrals.value,
-        found.points,
-        found.normals,
+        found.sites.points,
+        found.sites.normals,
         found.vertices,
         found.faces,
         metadata,
@@ -212,6 +209,16 @@ def peak_memory() -> int | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def check_unread(
+    output: str | os.PathLike[str], mesh_path: str | os.PathLike[str], occluders: Iterable[Any] = ()
+) -> None:
+    """Make sure that the result replaces none of the files that it is made from."""
+    if same_file(mesh_path, output):
+        raise InputError(f"{output}: is the mesh itself; give the result another name")
+    if any(same_file(occluder, output) for occluder in occluders):
+        raise InputError(f"{output}: is one of the occluders; give the result another name")
 
 
 def same_file(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.bake.options import BakeOptions, Progress
-from silint.bake.targets import Targets
+from silint.bake.targets import Sites
 from silint.finder import add_counts
 from silint.integrator import SilhouetteIntegrator
 from silint.scene import Scene
@@ -22,7 +22,7 @@ class Integrals(NamedTuple):
     """What was integrated, and what was counted meanwhile."""
 
     value: npt.NDArray[np.float64]
-    """(n,) or (n, 3), a row for each point of the targets; those without a normal see everything (ambient
+    """(n,) or (n, 3), a row for each of the sites; those without a normal see everything (ambient
     occlusion, sky) or nothing."""
     diagnostics: dict[str, int]
     """The sum of all integrators' counts; two-sided points count twice."""
@@ -33,7 +33,7 @@ class Integrals(NamedTuple):
 def integrate(
     source: SilhouetteIntegrator | Scene,
     occluders: Sequence[Scene],
-    targets: Targets,
+    sites: Sites,
     asked: BakeOptions,
     limits: dict[str, Any],
     progress: Progress | None,
@@ -43,10 +43,10 @@ def integrate(
     Parameters
     ----------
     source : SilhouetteIntegrator or Scene
-        What the targets are part of.
+        What the sites are on.
     occluders : sequence of Scene
         What blocks besides.
-    targets : Targets
+    sites : Sites
     asked : BakeOptions
     limits : dict
         As queries take them.
@@ -66,19 +66,19 @@ def integrate(
     options |= {"isolines": asked.isolines, "method": asked.method, "tolerance": asked.tolerance}
     options |= limits
 
-    value = np.full((len(targets.points), *shape), without_normal)
+    value = np.full((len(sites.points), *shape), without_normal)
     sides = (1.0, -1.0) if asked.two_sided else (1.0,)
-    total, done, build_seconds = len(sides) * int(np.count_nonzero(targets.valid)), 0, 0.0
+    total, done, build_seconds = len(sides) * int(np.count_nonzero(sites.valid)), 0, 0.0
     counts: dict[str, int] | None = None
-    for part, rows in _parts(source, occluders, targets):
+    for part, rows in _parts(source, occluders, sites):
         began = time.perf_counter()
         integrator = part if isinstance(part, SilhouetteIntegrator) else SilhouetteIntegrator(part)
         build_seconds += time.perf_counter() - began
         found = []
         for side in sides:
             result = getattr(integrator, name)(
-                targets.points[rows],
-                side * targets.normals[rows],
+                sites.points[rows],
+                side * sites.normals[rows],
                 full_output=True,
                 progress=_share(progress, done, total),
                 **options,
@@ -113,17 +113,17 @@ def blocking_scene(parts: Sequence[Scene], rows: npt.NDArray[np.int64] | None = 
 
 
 def _parts(
-    source: SilhouetteIntegrator | Scene, occluders: Sequence[Scene], targets: Targets
+    source: SilhouetteIntegrator | Scene, occluders: Sequence[Scene], sites: Sites
 ) -> Iterator[tuple[SilhouetteIntegrator | Scene, npt.NDArray[np.int64]]]:
     """What blocks some of the points, and which; every point once."""
     scene = source if isinstance(source, Scene) else source.scene
-    valid = np.flatnonzero(targets.valid)
-    if targets.groups is None or scene.face_groups is None:
+    valid = np.flatnonzero(sites.valid)
+    if sites.groups is None or scene.face_groups is None:
         yield blocking_scene([scene, *occluders]) if occluders else source, valid
         return
     n_groups = len(scene.groups)
     faces = _by_group(scene.face_groups, np.arange(scene.n_faces), n_groups)
-    points = _by_group(targets.groups[valid], valid, n_groups)
+    points = _by_group(sites.groups[valid], valid, n_groups)
     # A mesh of needles has no point at all; one query has to be made all the same, for its counts.
     for group in [i for i in range(n_groups) if len(points[i])] or [0]:
         yield blocking_scene([scene, *occluders], faces[group]), points[group]

@@ -14,12 +14,25 @@ from silint.validation import InputError
 if TYPE_CHECKING:
     from silint.scene import Scene
 
-__all__ = ["Targets", "sites", "targets"]
+__all__ = ["Sites", "Targets", "sites", "targets"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
 _NAMES_SHOWN = 6  # of groups, in an error message
+
+
+class Sites(NamedTuple):
+    """Where to integrate."""
+
+    points: FloatArray
+    """(n, 3)."""
+    normals: FloatArray
+    """(n, 3), unit, or zero where there is none."""
+    valid: npt.NDArray[np.bool_]
+    """(n,) where there is a normal."""
+    groups: IntArray | None = None
+    """(n,) which of the scene's groups a point is on; None unless groups are occluded by themselves alone."""
 
 
 class Targets(NamedTuple):
@@ -29,14 +42,7 @@ class Targets(NamedTuple):
     """(V, 3)."""
     faces: IntArray
     """(F, 3)."""
-    points: FloatArray
-    """(n, 3)."""
-    normals: FloatArray
-    """(n, 3), unit, or zero where there is none."""
-    valid: npt.NDArray[np.bool_]
-    """(n,) where there is a normal."""
-    groups: IntArray | None
-    """(n,) which of the scene's groups a point is on; None unless groups are occluded by themselves alone."""
+    sites: Sites
     normals_from: str
     """``file``, ``smooth`` or ``flat``."""
     computed_normals: int
@@ -105,10 +111,12 @@ def targets(scene: Scene, asked: BakeOptions, label: str) -> Targets:
     return Targets(
         vertices,
         new_faces,
-        vertices if asked.per == "vertex" else centers,
-        np.where(valid[:, None], normals, 0.0),
-        valid,
-        of_row if asked.per == "vertex" else of_face,
+        Sites(
+            vertices if asked.per == "vertex" else centers,
+            np.where(valid[:, None], normals, 0.0),
+            valid,
+            of_row if asked.per == "vertex" else of_face,
+        ),
         "flat" if flat else "file" if from_file else "smooth",
         computed,
         len(rows) - used,
@@ -117,8 +125,7 @@ def targets(scene: Scene, asked: BakeOptions, label: str) -> Targets:
 
 def sites(scene: Scene, per: str) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Points, normals (zero where there is none), and where there is one, of a mesh's vertices or faces."""
-    found = targets(scene, BakeOptions(per=per), scene.name)
-    return found.points, found.normals, found.valid
+    return targets(scene, BakeOptions(per=per), scene.name).sites[:3]
 
 
 def _chosen_faces(scene: Scene, names: Sequence[str], label: str) -> npt.NDArray[np.bool_] | slice:

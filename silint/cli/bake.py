@@ -18,14 +18,21 @@ from silint.cli.output import (
 
 __all__ = ["bake_command"]
 
-# What of these options `silint prt` has as well.
-_OF_SH = frozenset({"mesh", "output", "quantity", "per", "isolines", "method", "weighting", "as_json"})
+# Options that do nothing in some of the kinds of bake, and are refused there.
+_OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples")
+_OF_VERTICES = ("per", "normals", "self_only", "group")
+_NOT_OF_SH = (
+    *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
+    *("occluder", "self_only", "group", "max_distance", "falloff", "spread", "backfaces", "ground"),
+)
 
 
 def bake_command(
     context: typer.Context,
     mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
-    output: Annotated[str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb")],
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb; textures: .png .exr .glb")
+    ],
     quantity: Annotated[
         str, typer.Option(help="ao, sky (sky view factor), bent (bent normals), irradiance, or sh (as prt).")
     ] = "ao",
@@ -70,45 +77,77 @@ def bake_command(
         str | None,
         typer.Option(metavar="HEIGHT|auto", help="A plane that blocks, along --up; auto: below all."),
     ] = None,
+    texture: Annotated[int | None, typer.Option(metavar="N", help="Bake a texture of N x N texels.")] = None,
+    uv: Annotated[
+        str, typer.Option(help="Of textures: file, unwrap, or auto: the file's coordinates where they fit.")
+    ] = "auto",
+    padding: Annotated[
+        int | None, typer.Option(help="Texels around charts to fill; all of them by default.")
+    ] = None,
+    normal_map: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Tangent-space map that turns a texture's normals.")
+    ] = None,
+    space: Annotated[str, typer.Option(help="Of bent normals in textures: tangent or world.")] = "tangent",
+    green: Annotated[
+        str, typer.Option(help="up (OpenGL) or down (DirectX), in tangent space and in --normal-map.")
+    ] = "up",
+    samples: Annotated[int, typer.Option(help="Of texels that hold an edge; others have one.")] = 4,
     as_json: JsonFlag = False,
 ) -> None:
     """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
+    if texture is None:
+        _refuse(context, _OF_TEXTURES, "needs --texture N")
+    else:
+        _refuse(context, _OF_VERTICES, "is not for --texture")
     if quantity == "sh":
         from silint.cli.prt import prt_command
 
-        _refuse_others(context, _OF_SH, "quantity 'sh'")
+        _refuse(context, _NOT_OF_SH, "is not for quantity 'sh'")
         prt_command(
             mesh, output, per=per, isolines=isolines, method=method, weighting=weighting, as_json=as_json
         )
         return
+    shared: dict[str, Any] = {
+        "isolines": isolines,
+        "method": method,
+        "weighting": weighting,
+        "up": up,
+        "tolerance": tolerance,
+        "two_sided": two_sided,
+        "occluders": occluder or (),
+        "max_distance": max_distance,
+        "falloff": falloff,
+        "spread": spread,
+        "backfaces": backfaces,
+        "ground": _number(ground),
+    }
     with progress_bar("points") as bar:
-        from silint.bake import bake
         from silint.environment import Environment
 
-        environment = None if envmap is None else Environment.from_file(envmap, envmap_up, envmap_rotate)
-        summary = bake(
-            mesh,
-            output,
-            quantity,
-            per,
-            progress=stage(bar, "baking"),
-            isolines=isolines,
-            method=method,
-            weighting=weighting,
-            up=up,
-            tolerance=tolerance,
-            environment=environment,
-            normals=normals,
-            two_sided=two_sided,
-            occluders=occluder or (),
-            self_only=self_only,
-            groups=group or (),
-            max_distance=max_distance,
-            falloff=falloff,
-            spread=spread,
-            backfaces=backfaces,
-            ground=_number(ground),
-        )
+        if envmap is not None:
+            shared["environment"] = Environment.from_file(envmap, envmap_up, envmap_rotate)
+        shared["progress"] = stage(bar, "baking")
+        if texture is None:
+            from silint.bake import bake
+
+            kinds: dict[str, Any] = {"normals": normals, "self_only": self_only, "groups": group or ()}
+            summary = bake(mesh, output, quantity, per, **kinds, **shared)
+        else:
+            from silint.texture import bake_texture
+
+            summary = bake_texture(
+                mesh,
+                output,
+                texture,
+                quantity,
+                uv=uv,
+                padding=padding,
+                normal_map=normal_map,
+                space=space,
+                green=green,
+                samples=samples,
+                **shared,
+            )
     if as_json:
         print_json(summary)
     else:
@@ -116,22 +155,51 @@ def bake_command(
 
 
 def _print_summary(summary: dict[str, Any]) -> None:
-    quantity, sites = summary["quantity"], "vertices" if summary["per"] == "vertex" else "faces"
+    quantity, per = summary["quantity"], summary.get("per", "texel")
+    sites = {"vertex": "vertices", "face": "faces", "texel": "texels"}[per]
+    n_sites = summary["texels"]["covered"] if per == "texel" else summary["n_points"]
     meaning = "luminance of radiance x sr" if quantity == "irradiance" else "1 is open, 0 is closed"
     print(
-        f"{quantity} at {summary['n_points']:,} {sites}: mean {summary['mean']:.4f}, "
+        f"{quantity} at {n_sites:,} {sites}: mean {summary['mean']:.4f}, "
         f"from {summary['min']:.4f} to {summary['max']:.4f}; {meaning}"
     )
-    if summary["without_normal"]:
-        told = "1" if quantity in ("ao", "sky") else "0"
-        print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
-    if summary["computed_normals"]:
-        print(f"{summary['computed_normals']:,} vertices have no normal in the file and got a smooth one")
-    if summary["split_vertices"]:
-        print(f"{summary['split_vertices']:,} vertices are new: those that faces or groups shared are split")
+    if per == "texel":
+        _print_texture_notes(summary)
+    else:
+        if summary["without_normal"]:
+            told = "1" if quantity in ("ao", "sky") else "0"
+            print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
+        if summary["computed_normals"]:
+            print(f"{summary['computed_normals']:,} vertices have no normal in the file and got a smooth one")
+        if summary["split_vertices"]:
+            print(f"{summary['split_vertices']:,} vertices are new, where faces or groups shared one")
     print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
     print_costs(summary)
     print_files(summary["files"])
+
+
+def _print_texture_notes(summary: dict[str, Any]) -> None:
+    texels, seams = summary["texels"], summary["seams"]
+    print(
+        f"{summary['size']} x {summary['size']} texels in {summary['n_charts']:,} charts, "
+        f"{texels['mixed']:,} of them on edges with several points each"
+    )
+    if "uv_reason" in summary:
+        print(f"unwrapped anew: {summary['uv_reason']}")
+    told = {
+        "overlapping texels belong to more than one face": texels["overlapping"],
+        "texels are read beside two charts at once, which are closer than 2 texels": texels["shared"],
+        "faces have no area, in space or in the texture, and no texels": summary["faces_without_area"],
+        "normals of the map looked below the surface and were turned": summary["turned_normals"],
+    }
+    for meaning, count in told.items():
+        if count:
+            print(f"{count:,} {meaning}")
+    if "largest_jump_before" in seams:
+        print(
+            f"across seams at most {seams['largest_jump_before']:.1e} apart, "
+            f"after they were made to agree {seams['largest_jump_after']:.1e}"
+        )
 
 
 def _number(text: str | None) -> float | str | None:
@@ -142,11 +210,11 @@ def _number(text: str | None) -> float | str | None:
         return text
 
 
-def _refuse_others(context: typer.Context, known: frozenset[str], of: str) -> None:
+def _refuse(context: typer.Context, names: tuple[str, ...], why: str) -> None:
     """Options that would do nothing are mistakes."""
     from silint.validation import InputError
 
-    for name in context.params:
+    for name in names:
         source = context.get_parameter_source(name)
-        if name not in known and source is not None and source.name == "COMMANDLINE":
-            raise InputError(f"--{name.replace('_', '-')} is not for {of}")
+        if source is not None and source.name == "COMMANDLINE":
+            raise InputError(f"--{name.replace('_', '-')} {why}")

@@ -17,7 +17,7 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print the results as JSO
 
 def print_costs(summary: dict[str, Any]) -> None:
     """Time and memory of a bake."""
-    seconds, n_points = summary["seconds"], summary["n_points"] - summary["without_normal"]
+    seconds, n_points = summary["seconds"], summary["n_points"] - summary.get("without_normal", 0)
     print(
         f"read {seconds['load']:.2f} s, built {seconds['build']:.2f} s, "
         f"integrated {n_points:,} points in {seconds['integrate']:.2f} s "

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from silint import __version__
-from silint.bake import QUANTITIES, WEIGHTINGS, peak_memory, same_file
+from silint.bake import BakeOptions, check_unread, peak_memory
+from silint.bake.targets import Sites
 from silint.io import LUMINANCE, TONE_CURVE, check_output
 from silint.texture.files import SUFFIXES, check_packages, write_texture
 from silint.texture.shading import read_normal_map
-from silint.validation import InputError, choice, positive_int, positive_number, unit_vector
+from silint.validation import InputError, choice, positive_int, unit_vector
 
 if TYPE_CHECKING:
     from silint.environment import Environment
-    from silint.integrator import SilhouetteIntegrator
     from silint.texture.surface import Surface
 
 __all__ = ["GREENS", "MAX_SIZE", "SPACES", "SUFFIXES", "UV_SOURCES", "bake_texture"]
@@ -34,8 +33,8 @@ SPACES = ("tangent", "world")
 GREENS = ("up", "down")
 MAX_SIZE = 8192
 
-# Query options by name that are passed on as they are.
-_LIMITS = ("max_distance", "falloff", "spread", "backfaces", "ground")
+# Options of a bake into vertices that mean the same here.
+_SHARED = ("occluders", "two_sided", "max_distance", "falloff", "spread", "backfaces", "ground")
 
 
 def bake_texture(
@@ -57,7 +56,7 @@ def bake_texture(
     green: str = "up",
     samples: int = 4,
     progress: Progress | None = None,
-    **limits: Any,
+    **options: Any,
 ) -> dict[str, Any]:
     """Integrate over what the surface of a mesh sees at every texel of a texture, and write that.
 
@@ -93,8 +92,9 @@ def bake_texture(
         Positions in a texel that holds an edge, 1 to 64. Others have one.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
-    **limits
-        Options of the query: max_distance, falloff, spread, backfaces, ground.
+    **options
+        occluders, two_sided, max_distance, falloff, spread, backfaces and ground: see
+        `silint.bake.BakeOptions`.
 
     Returns
     -------
@@ -110,55 +110,66 @@ def bake_texture(
         checked before anything is computed, and nothing is left half-written.
     """
     size = positive_int(size, "size", maximum=MAX_SIZE)
-    samples = _checked_options(
-        quantity, isolines, tolerance, method, weighting, uv, padding, normal_map, space, green, samples
+    for name in options:
+        if name not in _SHARED:
+            raise InputError(f"unknown option {name!r}; expected one of {', '.join(_SHARED)}")
+    asked = BakeOptions(
+        quantity,
+        isolines=isolines,
+        tolerance=tolerance,
+        method=method,
+        weighting=weighting,
+        up=up,
+        environment=environment,
+        **options,
     )
-    axis = unit_vector(up, "up")
+    samples = _checked_options(quantity, uv, padding, normal_map, space, green, samples)
     target = check_output(output, SUFFIXES)
     check_packages(target.suffix.lower())
-    light = _environment(quantity, environment)
-    if same_file(mesh_path, output):
-        raise InputError(f"{output}: is the mesh itself; give the result another name")
+    check_unread(output, mesh_path, asked.occluders)
     bumps = None if normal_map is None else read_normal_map(normal_map, green)
-    limits = {name: value for name, value in limits.items() if value is not None}
-    options = _query_options(quantity, isolines, tolerance, method, weighting, axis, light, limits)
+    asked = asked.with_light()
 
-    from silint.integrator import SilhouetteIntegrator
-    from silint.scene import load_scene
+    from silint.bake.integrate import integrate
+    from silint.scene import as_scene, load_scene
     from silint.texture.surface import in_tangent_space, shade_points, surface_of, tangents_of
 
     times = [time.perf_counter()]
     scene = load_scene(mesh_path)
+    occluders = [as_scene(occluder) for occluder in asked.occluders]
+    limits = asked.limits(scene, occluders)
     times.append(time.perf_counter())
     surface = surface_of(scene, Path(mesh_path), size, uv, samples)
-    times.append(time.perf_counter())
-    integrator = SilhouetteIntegrator(scene)
-    times.append(time.perf_counter())
     wanted = bumps is not None or (quantity == "bent" and space == "tangent")
     tangents = tangents_of(surface) if wanted else None
     points, normals, turned = shade_points(surface, tangents, bumps)
-    result = _query(integrator, quantity)(points, normals, full_output=True, progress=progress, **options)
-    texels = surface.texels
-    values = texels.means(result.value.reshape(len(points), -1))
     times.append(time.perf_counter())
+    sites = Sites(points, normals, np.ones(len(points), bool))
+    found = integrate(scene, occluders, sites, asked, limits, progress)
+    times += [times[-1] + found.build_seconds, time.perf_counter()]
+    texels = surface.texels
+    values = texels.means(found.value.reshape(len(points), -1))
     values, seams = _seams(surface, values, size, quantity)
     if quantity == "bent" and tangents is not None and space == "tangent":
         values = in_tangent_space(surface, tangents, values, green)
     image, coverage = _padded(texels.texel, values, size, padding, quantity)
+    light: Any = asked.environment
     metadata: dict[str, Any] = {
         "software": f"silint {__version__}",
         "quantity": quantity,
         "size": size,
-        "isolines": result.diagnostics["isolines"],
+        "isolines": found.diagnostics["isolines"],
         **({"tolerance": tolerance} if tolerance is not None else {}),
         "method": method,
         "weighting": weighting if quantity == "ao" else "cosine",
-        **({"up": axis.tolist()} if quantity == "sky" else {}),
+        **({"up": unit_vector(up, "up").tolist()} if quantity == "sky" else {}),
         **({"environment": light.name, "colours": f"{TONE_CURVE}, then sRGB"} if light is not None else {}),
         **({"space": space} if quantity == "bent" else {}),
         **({"green": green} if tangents is not None else {}),
         **({"normal_map": os.path.basename(normal_map)} if normal_map is not None else {}),
-        **{name: np.asarray(value).tolist() for name, value in limits.items()},
+        **({"two_sided": True} if asked.two_sided else {}),
+        **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
+        **limits,
         "uv": surface.uv_source,
     }
     write_texture(target, quantity, image, coverage, surface.corners, metadata)
@@ -193,18 +204,15 @@ def bake_texture(
         "mean": float(told.mean()),
         "min": float(told.min()),
         "max": float(told.max()),
+        "files": [{"path": os.fspath(output), "bytes": target.stat().st_size}],
         "seconds": dict(zip(steps, np.diff(times).tolist(), strict=True)),
         "peak_memory_bytes": peak_memory(),
-        "diagnostics": dict(result.diagnostics),
+        "diagnostics": found.diagnostics,
     }
 
 
 def _checked_options(
     quantity: str,
-    isolines: int | None,
-    tolerance: float | None,
-    method: str,
-    weighting: str,
     uv: str,
     padding: int | None,
     normal_map: object,
@@ -212,12 +220,6 @@ def _checked_options(
     green: str,
     samples: int,
 ) -> int:
-    choice(quantity, "quantity", QUANTITIES)
-    if isolines is not None:
-        positive_int(isolines, "isolines")
-    if tolerance is not None:
-        positive_number(tolerance, "tolerance")
-    choice(weighting, "weighting", WEIGHTINGS)
     choice(uv, "uv", UV_SOURCES)
     if padding is not None:
         positive_int(padding, "padding", 0)
@@ -227,65 +229,9 @@ def _checked_options(
         raise InputError(f"space is 'world'; only quantity 'bent' has directions, this is {quantity!r}")
     if green == "down" and normal_map is None and (quantity != "bent" or space == "world"):
         raise InputError("green is 'down', but there are neither tangent-space bent normals nor a normal map")
-    from silint.evaluate import METHODS  # and numba with it
     from silint.texture.texels import MAX_SAMPLES
 
-    choice(method, "method", METHODS)
     return positive_int(samples, "samples", 1, MAX_SAMPLES)
-
-
-def _environment(quantity: str, given: Environment | str | os.PathLike[str] | None) -> Environment | None:
-    """The environment of an irradiance, read from its file if need be."""
-    if quantity != "irradiance":
-        if given is not None:
-            raise InputError(f"environment given; only quantity 'irradiance' has one, this is {quantity!r}")
-        return None
-    if given is None:
-        raise InputError("quantity 'irradiance' needs an environment: a map (.hdr, .exr), or Environment")
-    from silint.environment import Environment
-
-    return given if isinstance(given, Environment) else Environment.from_file(given)
-
-
-def _query(
-    integrator: SilhouetteIntegrator | type[SilhouetteIntegrator], quantity: str
-) -> Callable[..., Any]:
-    names = {
-        "ao": "ambient_occlusion",
-        "sky": "sky_view_factor",
-        "bent": "bent_normals",
-        "irradiance": "irradiance",
-    }
-    query: Callable[..., Any] = getattr(integrator, names[quantity])
-    return query
-
-
-def _query_options(
-    quantity: str,
-    isolines: int | None,
-    tolerance: float | None,
-    method: str,
-    weighting: str,
-    axis: FloatArray,
-    light: Environment | None,
-    limits: dict[str, Any],
-) -> dict[str, Any]:
-    from silint.integrator import SilhouetteIntegrator
-
-    taken = signature(_query(SilhouetteIntegrator, quantity)).parameters
-    for name in limits:
-        if name not in _LIMITS:
-            raise InputError(f"unknown option {name!r}; expected one of {', '.join(_LIMITS)}")
-        if name not in taken:
-            raise InputError(f"{name} given; quantity {quantity!r} does not take it")
-    options = {"isolines": isolines, "tolerance": tolerance, "method": method, **limits}
-    if quantity == "ao":
-        options["weighting"] = weighting
-    elif quantity == "sky":
-        options["up"] = axis
-    elif quantity == "irradiance":
-        options["environment"] = light
-    return options
 
 
 def _seams(

@@ -289,8 +289,7 @@ DISC = {
     "linear": 0.5 - (np.sqrt(2) - 1),  # int (1 - UNIT / (R cos t)) 2 cos t sin t dt
     "quadratic": 0.5 - np.log(2) / 2,
 }
-# 64 isolines at a straight edge through the normal: measured 3.0e-3; at a disc's rim, with or without falloff,
-# less.
+# 64 isolines at a straight edge through the normal: measured 3.0e-3; at a disc's rim less.
 LINES = 4e-3
 
 

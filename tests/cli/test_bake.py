@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from silint import cli
 from silint.io import read_values
@@ -82,6 +83,82 @@ def test_limits(here, capfd):
     assert summary["ground"] == [0.0, 0.0, -1.0, 1.0] and (value < 0.8).all()
 
 
+# --------------------------------------------------------------------------------------------- textures
+
+
+@pytest.fixture
+def square(here):
+    """Two units wide, one texel coordinate a unit, under the lid."""
+    (here / "square.obj").write_text(
+        "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
+    )
+    return here
+
+
+def texture(capfd, *arguments: str) -> tuple[np.ndarray, dict]:
+    code = cli.run(["bake", "square.obj", "-o", "out.png", "--isolines", "16", "--json", *arguments])
+    out, err = capfd.readouterr()
+    assert (code, err) == (0, ""), err
+    return np.asarray(Image.open("out.png")) / 255.0, json.loads(out)
+
+
+def test_texture(square, capfd):
+    image, summary = texture(capfd, "--texture", "16")
+    assert image.shape[:2] == (16, 16) and (image == 1).all() and summary["uv"] == "file"
+    assert summary["files"] == [{"path": "out.png", "bytes": (square / "out.png").stat().st_size}]
+    hidden, summary = texture(capfd, "--texture", "16", "--occluder", "lid.obj")
+    assert summary["occluders"] == ["lid"]
+    middle = hidden[7:9, 7:9].mean()
+    assert middle == pytest.approx(1 - 0.5541, abs=0.03)  # the lid's form factor; 16 isolines
+    both, _ = texture(capfd, "--texture", "16", "--occluder", "lid.obj", "--two-sided")
+    np.testing.assert_allclose(both, (1 + hidden) / 2, atol=1.01 / 255)
+    assert texture(capfd, "--texture", "16", "--occluder", "lid.obj", "--max-distance", "0.9")[0].min() == 1
+    assert texture(capfd, "--texture", "16", "--ground", "0.5")[0].max() == 0
+    assert texture(capfd, "--texture", "16", "--occluder", "lid.obj", "--spread", "20")[0][8, 8] == 0
+
+
+def test_texture_of_bent_normals(square, capfd):
+    for arguments, expected in ((("tangent",), (0.5, 0.5, 1)), (("world",), (0.5, 0.5, 1))):
+        image, summary = texture(capfd, "--texture", "8", "--quantity", "bent", "--space", *arguments)
+        np.testing.assert_allclose(image[4, 4], expected, atol=2 / 255)
+        assert summary["space"] == arguments[0]
+    # A normal map that leans to +y, in either convention of its green channel.
+    leaning = np.tile(np.uint8([[[128, 192, 238]]]), (4, 4, 1))
+    Image.fromarray(leaning).save("lean.png")
+    for green, sign in (("up", 1), ("down", -1)):
+        image, summary = texture(
+            capfd, "--texture", "8", "--quantity", "sky", "--normal-map", "lean.png", "--green", green,
+            "--up", "0", str(sign), "0",
+        )  # fmt: skip
+        # (1/pi) int (y sin 30 + z cos 30) dw over y, z > 0, as the square hides what is below it.
+        assert image[4, 4] == pytest.approx((0.5 + np.sqrt(0.75)) / 2, abs=0.01)
+        assert summary["normal_map"] == "lean.png"
+
+
+def test_texture_layout(square, capfd):
+    _, summary = texture(capfd, "--texture", "8", "--samples", "1", "--padding", "0", "--uv", "file")
+    assert summary["n_points"] == summary["texels"]["covered"] == 64
+    (square / "half.obj").write_text((square / "square.obj").read_text().replace("vt 1 ", "vt .5 "))
+    for padding, black in ((["--padding", "0"], True), ([], False)):
+        code = cli.run(["bake", "half.obj", "-o", "half.png", "--texture", "16", "--ground", "1", *padding])
+        assert code == 0
+        # Open is 1, and so is the background; under the ground everything is 0.
+        assert (np.asarray(Image.open("half.png"))[:, -1] != 0).all() == black
+    capfd.readouterr()
+
+
+def test_the_summary_of_a_texture(square, capfd):
+    assert cli.run(["bake", "square.obj", "-o", "out.glb", "--texture", "8", "--isolines", "8"]) == 0
+    out, err = capfd.readouterr()
+    lines = out.splitlines()
+    assert err == "" and lines[0].startswith("ao at 64 texels: mean 1.0000")
+    assert lines[1].startswith("8 x 8 texels in 1 charts")
+    assert lines[-1] == f"wrote out.glb ({(square / 'out.glb').stat().st_size:,} bytes)"
+
+
+# -------------------------------------------------------------------------------------------- the terminal
+
+
 def test_the_summary_tells_what_happened_in_plain_words(here, capfd):
     """A box inside another sees nothing; vertices without faces have no normal; nothing else is told."""
     inner, outer = trimesh.creation.box([1, 1, 1]), trimesh.creation.box([3, 3, 3])
@@ -103,7 +180,7 @@ def test_the_summary_tells_what_happened_in_plain_words(here, capfd):
     assert re.fullmatch(r"at most [\d,]+ MiB of memory", lines[4])
     assert lines[5:] == [f"wrote out.ply ({(here / 'out.ply').stat().st_size:,} bytes)"]
     assert cli.run(["bake", "both.obj", "-o", "out.ply", "--normals", "flat", "--isolines", "8"]) == 0
-    assert "4 vertices are new: those that faces or groups shared are split" in capfd.readouterr()[0]
+    assert "4 vertices are new, where faces or groups shared one" in capfd.readouterr()[0]
 
 
 def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
@@ -129,6 +206,17 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("box.ply", "--group", "wall"), "box.ply: has no groups"),
         (("both.obj", "--occluder", "none.obj"), "none.obj: no such file"),
         (("both.obj", "--normals", "file"), "both.obj: has no normals of its own"),
+        (("both.obj", "--texture", "0"), "size is 0"),
+        (("both.obj", "--texture", "8", "--uv", "file"), "both.obj"),
+        (("both.obj", "--texture", "8", "--uv", "new"), "uv is 'new'"),
+        (("both.obj", "--texture", "8", "--per", "face"), "--per is not for --texture"),
+        (("both.obj", "--texture", "8", "--group", "lid"), "--group is not for --texture"),
+        (("both.obj", "--texture", "8", "--self-only"), "--self-only is not for --texture"),
+        (("both.obj", "--texture", "8", "--normals", "flat"), "--normals is not for --texture"),
+        (("both.obj", "--texture", "8", "--quantity", "sh"), "--texture is not for quantity 'sh'"),
+        (("both.obj", "--texture", "8", "--space", "moon"), "space is 'moon'"),
+        (("both.obj", "--uv", "file"), "--uv needs --texture N"),
+        (("both.obj", "--normal-map", "map.png"), "--normal-map needs --texture N"),
         (("both.obj", "--max-distance", "x"), "max_distance is 'x'; expected"),
         (("both.obj", "--falloff", "linear"), "falloff is 'linear' without max_distance"),
         (("both.obj", "--spread", "0"), "spread is 0.0"),
@@ -141,7 +229,8 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
 )
 def test_mistakes_end_in_one_line(here, capfd, arguments, told):
     before = sorted(here.iterdir())
-    code = cli.run(["bake", *arguments, "-o", "out.ply"])
+    suffix = ".glb" if "--texture" in arguments else ".ply"
+    code = cli.run(["bake", *arguments, "-o", f"out{suffix}"])
     out, err = capfd.readouterr()
     assert (code, out) == (2, "") and err.startswith("silint: error: ") and err.count("\n") == 1
     assert told in err
