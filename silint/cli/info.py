@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from silint.cli.output import JsonFlag, print_json, progress_bar
+
+if TYPE_CHECKING:
+    from silint.scene import Scene
 
 __all__ = ["info_command"]
 
@@ -35,6 +38,7 @@ def info_command(
                 "bounds": [low.tolist(), high.tolist()],
                 "float32_source": scene.float32_source,
                 "normals": "file" if scene.normals is not None else "computed",
+                "groups": _faces_by_group(scene),
                 "defects": defects,
                 "memory": memory,
                 "bytes_per_triangle": per_triangle,
@@ -47,6 +51,8 @@ def info_command(
     print(f"{mesh}: {scene.n_faces:,} triangles, {scene.n_vertices:,} vertices ({precision})")
     print(f"bounds   {_vector(low)} to {_vector(high)}")
     print(f"normals  {origin}")
+    if scene.groups:
+        print(f"groups   {_group_names(scene.groups)}")
     print("defects  (counted, not repaired)")
     width = max(len(name) for name in defects)
     for name, count in defects.items():
@@ -55,6 +61,20 @@ def info_command(
     for name, n_bytes in memory.items():
         print(f"  {name:<{width}} {n_bytes:>12,}")
     print(f"plan     {plan}")
+
+
+def _faces_by_group(scene: Scene) -> dict[str, int]:
+    import numpy as np
+
+    if scene.face_groups is None:
+        return {}
+    counts = np.bincount(scene.face_groups, minlength=len(scene.groups))
+    return dict(zip(scene.groups, counts.tolist(), strict=True))
+
+
+def _group_names(names: tuple[str, ...], shown: int = 8) -> str:
+    more = len(names) - shown
+    return ", ".join(names[:shown]) + (f" and {more:,} more (--json has all)" if more > 0 else "")
 
 
 def _vector(v: Any) -> str:

@@ -34,7 +34,10 @@ GREENS = ("up", "down")
 MAX_SIZE = 8192
 
 # Options of a bake into vertices that mean the same here.
-_SHARED = ("occluders", "two_sided", "max_distance", "falloff", "spread", "backfaces", "ground")
+_SHARED = (
+    *("occluders", "self_only", "two_sided"),
+    *("max_distance", "falloff", "spread", "backfaces", "ground"),
+)
 
 
 def bake_texture(
@@ -93,7 +96,7 @@ def bake_texture(
     progress : callable, optional
         Called with (points done, points in all) from time to time.
     **options
-        occluders, two_sided, max_distance, falloff, spread, backfaces and ground: see
+        occluders, self_only, two_sided, max_distance, falloff, spread, backfaces and ground: see
         `silint.bake.BakeOptions`.
 
     Returns
@@ -144,7 +147,9 @@ def bake_texture(
     tangents = tangents_of(surface) if wanted else None
     points, normals, turned = shade_points(surface, tangents, bumps)
     times.append(time.perf_counter())
-    sites = Sites(points, normals, np.ones(len(points), bool))
+    of_face = scene.face_groups if asked.self_only else None
+    groups = None if of_face is None else of_face[surface.texels.sample_face]
+    sites = Sites(points, normals, np.ones(len(points), bool), groups)
     found = integrate(scene, occluders, sites, asked, limits, progress)
     times += [times[-1] + found.build_seconds, time.perf_counter()]
     texels = surface.texels
@@ -169,6 +174,7 @@ def bake_texture(
         **({"normal_map": os.path.basename(normal_map)} if normal_map is not None else {}),
         **({"two_sided": True} if asked.two_sided else {}),
         **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
+        **({"self_only": True} if asked.self_only else {}),
         **limits,
         "uv": surface.uv_source,
     }

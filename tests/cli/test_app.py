@@ -129,6 +129,17 @@ def test_info(here, capfd):
         assert word in out
 
 
+def test_info_names_groups(here, capfd):
+    triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    lines = "".join(f"o part{i}\n" + "f 1 2 3\n" * (i + 1) for i in range(10))
+    (here / "parts.obj").write_text(triangle + lines)
+    told = run(capfd, "info", "parts.obj", "--json")[1]
+    assert json.loads(told)["groups"] == {f"part{i}": i + 1 for i in range(10)}
+    assert "groups   part0, part1," in run(capfd, "info", "parts.obj")[1]
+    assert "part7 and 2 more (--json has all)" in run(capfd, "info", "parts.obj")[1]
+    assert "groups" not in run(capfd, "info", "box.ply")[1]
+
+
 # -------------------------------------------------------------------------------------------- bad input
 
 BAKE = ("bake", "box.ply", "-o", "out.ply")

@@ -117,6 +117,20 @@ def test_texture(square, capfd):
     assert texture(capfd, "--texture", "16", "--occluder", "lid.obj", "--spread", "20")[0][8, 8] == 0
 
 
+def test_texture_of_objects_alone(square, capfd):
+    """The lid has the other half of the texture's width."""
+    rows = ["o floor", *(square / "square.obj").read_text().replace("vt 1 ", "vt .5 ").splitlines()]
+    rows += ["o lid", *LID.splitlines(), "vt .5 0", "vt 1 0", "vt 1 1", "vt .5 1", "f 5/5 6/6 7/7 8/8"]
+    (square / "square.obj").write_text("\n".join(rows))
+    image, _ = texture(capfd, "--texture", "16")
+    assert (image[:, :7] < 1).all() and (image[:, 9:] == 1).all()
+    alone, summary = texture(capfd, "--texture", "16", "--self-only")
+    assert (alone == 1).all() and summary["self_only"]
+    # Of other occluders each has its own share.
+    both, _ = texture(capfd, "--texture", "16", "--self-only", "--occluder", "lid.obj")
+    assert np.array_equal(both, image)
+
+
 def test_texture_of_bent_normals(square, capfd):
     for arguments, expected in ((("tangent",), (0.5, 0.5, 1)), (("world",), (0.5, 0.5, 1))):
         image, summary = texture(capfd, "--texture", "8", "--quantity", "bent", "--space", *arguments)
@@ -211,7 +225,6 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("both.obj", "--texture", "8", "--uv", "new"), "uv is 'new'"),
         (("both.obj", "--texture", "8", "--per", "face"), "--per is not for --texture"),
         (("both.obj", "--texture", "8", "--group", "lid"), "--group is not for --texture"),
-        (("both.obj", "--texture", "8", "--self-only"), "--self-only is not for --texture"),
         (("both.obj", "--texture", "8", "--normals", "flat"), "--normals is not for --texture"),
         (("both.obj", "--texture", "8", "--quantity", "sh"), "--texture is not for quantity 'sh'"),
         (("both.obj", "--texture", "8", "--space", "moon"), "space is 'moon'"),
