@@ -218,24 +218,27 @@ def cover_samples(corners, chart, offsets, first, last, owner, slot, sample_owne
 
 
 @njit(**KERNEL)
-def locate(corners, faces, positions, inset, out):
+def locate(corners, hard, faces, positions, inset, out):
     """Barycentric coordinates of the nearest point of a given triangle.
 
     Parameters
     ----------
     corners : (F, 3, 2) float64
+    hard : (F, 3) bool
+        Edges, by the corner that they start from, on which no point may lie: exactly on an edge at which the
+        surface bends, the face beyond it would decide what the point sees.
     faces : (m,) int32
     positions : (m, 2) float64
     inset : float
-        How far points on or right beside the border of their triangle are moved towards its middle, in
-        texels: exactly on an edge the face beyond it would decide what they see.
+        How far points on or right beside such an edge are moved towards the triangle's middle, in texels.
     out : (m, 3) float64, out
     """
     for i in range(len(faces)):
         t = corners[faces[i]]
         x, y = positions[i]
         a, b, c, _ = _nearest(t[0, 0], t[0, 1], t[1, 0], t[1, 1], t[2, 0], t[2, 1], x, y)
-        if min(a, b, c) < 1e-3:
+        edges = hard[faces[i]]
+        if (c < 1e-3 and edges[0]) or (a < 1e-3 and edges[1]) or (b < 1e-3 and edges[2]):
             dx = a * t[0, 0] + b * t[1, 0] + c * t[2, 0] - (t[0, 0] + t[1, 0] + t[2, 0]) / 3.0
             dy = a * t[0, 1] + b * t[1, 1] + c * t[2, 1] - (t[0, 1] + t[1, 1] + t[2, 1]) / 3.0
             reach = np.sqrt(dx * dx + dy * dy)

@@ -22,7 +22,7 @@ IntArray = npt.NDArray[np.int64]
 # How far coordinates may leave the square, by rounding.
 _BEYOND = 1e-5
 
-# Normals of two corners closer than this are one: the surface is smooth there.
+# Normals closer than this are one: corners with such are smooth, and faces flat.
 _SAME_NORMAL = np.cos(np.radians(1.0))
 
 
@@ -45,6 +45,10 @@ class Charts(NamedTuple):
     n_charts: int
     borders: IntArray
     """(B, 2) half-edges on the borders of charts: face, and corner that the half-edge starts from."""
+    hard: npt.NDArray[np.bool_]
+    """(F, 3) whether the half-edge from each corner is a border, or one at which the chart bends."""
+    across: npt.NDArray[np.int32]
+    """(F, 3) the face on the other side of a half-edge on a smooth seam; -1 elsewhere."""
     seams: Seams
 
 
@@ -70,7 +74,11 @@ def check_range(uvs: FloatArray) -> tuple[FloatArray, str | None]:
 
 
 def charts_of(
-    uvs: FloatArray, welded: IntArray, normals: FloatArray, usable: npt.NDArray[np.bool_]
+    uvs: FloatArray,
+    welded: IntArray,
+    normals: FloatArray,
+    flat: FloatArray,
+    usable: npt.NDArray[np.bool_],
 ) -> Charts:
     """Charts and seams.
 
@@ -81,6 +89,8 @@ def charts_of(
         Corners' vertices, one number a position.
     normals : (F, 3, 3) float64
         Shading normals of the corners, unit.
+    flat : (F, 3) float64
+        Unit normals of the faces.
     usable : (F,) bool
         Faces that count.
 
@@ -126,9 +136,16 @@ def charts_of(
     inner = np.zeros(len(face), bool)
     inner[a[same]] = inner[b[same]] = True
     borders = np.stack([face[~inner], start[~inner]], axis=1)
+    flush = (flat[face[a]] * flat[face[b]]).sum(axis=1) > _SAME_NORMAL
+    hard = np.ones((len(uvs), 3), bool)
+    for h in (a[same & flush], b[same & flush]):
+        hard[face[h], start[h]] = False
 
     a, b = a[~same], b[~same]
     n = normals[face[:, None], ends]
     smooth = ((n[a] * n[b]).sum(axis=2) > _SAME_NORMAL).all(axis=1)
-    seams = Seams(uv[a[smooth]], uv[b[smooth]], int((~smooth).sum()))
-    return Charts(of_face, int(numbered.max()) + 1, borders, seams)
+    across = np.full((len(uvs), 3), -1, np.int32)
+    a, b = a[smooth], b[smooth]
+    across[face[a], start[a]], across[face[b], start[b]] = face[b], face[a]
+    seams = Seams(uv[a], uv[b], int((~smooth).sum()))
+    return Charts(of_face, int(numbered.max()) + 1, borders, hard, across, seams)

@@ -13,7 +13,7 @@ from silint.scene import Scene
 from silint.texture.charts import Charts, charts_of, check_range
 from silint.texture.files import Corners
 from silint.texture.shading import Tangents, corner_normals, corner_tangents, face_normals, frames
-from silint.texture.texels import Texels, find_texels
+from silint.texture.texels import Texels, across_seams, find_texels
 from silint.texture.unwrap import unwrap
 from silint.validation import InputError
 
@@ -89,9 +89,9 @@ def _laid_out(scene: Scene, uvs: FloatArray, size: int, samples: int, source: st
     lost = float(area[~in_texture].sum() / area.sum()) if area.any() else 0.0
     if source == "file" and lost > _MOST_WITHOUT_AREA:
         raise InputError(f"its texture coordinates have no area for {100.0 * lost:.3g} % of the surface")
-    charts = charts_of(uvs, welded, normals, in_texture & in_space)
+    charts = charts_of(uvs, welded, normals, flat, in_texture & in_space)
 
-    texels = find_texels(uvs, charts, flat, size, samples)
+    texels = across_seams(find_texels(uvs, charts, flat, size, samples), charts, positions, uvs, size)
     if texels.overlapping > _MOST_OVERLAP * texels.inside:
         share = 100.0 * texels.overlapping / texels.inside
         raise InputError(f"{share:.3g} % of the texels in its charts belong to two or more faces")

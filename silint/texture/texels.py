@@ -1,10 +1,10 @@
 """Texels to shade points.
 
 Every texel that a bilinear lookup on a chart can read has a value of its own: that of the point of the chart
-that is nearest to the texel's centre, be the centre inside the chart or just outside. Where a texel's square
-holds an edge - the border of its chart while the centre is inside, or faces that meet at more than `BEND`
-degrees - one point says too little: then it is the mean over several positions in the square, each moved to
-the nearest point of the chart.
+that is nearest to the texel's centre, or, with the centre just beyond a seam of a smooth surface, of the
+point of the surface that lies there (`across_seams`). Where a texel's square holds an edge - the border of
+its chart while the centre is inside, or faces that meet at more than `BEND` degrees - one point says too
+little: then it is the mean over several positions in the square, each moved to the nearest point of the chart.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy.typing as npt
 from silint.core import uv_cover
 from silint.texture.charts import Charts
 
-__all__ = ["BEND", "MAX_SAMPLES", "Texels", "find_texels", "sample_offsets"]
+__all__ = ["BEND", "MAX_SAMPLES", "Texels", "across_seams", "find_texels", "sample_offsets"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -43,6 +43,8 @@ class Texels(NamedTuple):
     """(T,) of the point nearest to the centre."""
     weights: FloatArray
     """(T, 3) barycentric coordinates of that point."""
+    outside: IntArray
+    """Rows of those whose centre lies outside all charts."""
     offsets: IntArray
     """(T + 1,) where each texel's samples begin."""
     sample_face: npt.NDArray[np.int32]
@@ -86,7 +88,7 @@ def find_texels(uvs: FloatArray, charts: Charts, flat: FloatArray, size: int, sa
     """
     used = np.flatnonzero(charts.of_face >= 0).astype(np.int32)
     corners = np.ascontiguousarray(_in_texels(uvs[used], size))
-    chart = charts.of_face[used]
+    chart, hard = charts.of_face[used], charts.hard[used]
     shape = (size, size)
     owner, distance = np.full(shape, -1, np.int32), np.full(shape, np.inf)
     held = np.zeros(shape, np.uint8)
@@ -111,7 +113,7 @@ def find_texels(uvs: FloatArray, charts: Charts, flat: FloatArray, size: int, sa
     centres = _centres(index, size)
     face = owner.ravel()[index]
     weights = np.empty((len(index), 3))
-    uv_cover.locate(corners, face, centres, _INSET, weights)
+    uv_cover.locate(corners, hard, face, centres, _INSET, weights)
 
     offsets = sample_offsets(samples)
     sample_owner = np.repeat(face[of_index][:, None], samples, axis=1)
@@ -132,11 +134,12 @@ def find_texels(uvs: FloatArray, charts: Charts, flat: FloatArray, size: int, sa
     sample_face[where] = sample_owner.ravel()
     positions[where] += np.tile(offsets, (len(of_index), 1))
     sample_weights = np.empty((len(sample_face), 3))
-    uv_cover.locate(corners, sample_face, positions, _INSET, sample_weights)
+    uv_cover.locate(corners, hard, sample_face, positions, _INSET, sample_weights)
     return Texels(
         index,
         used[face],
         weights,
+        np.flatnonzero(distance.ravel()[index] > 0.0),
         starts,
         used[sample_face],
         sample_weights,
@@ -145,6 +148,79 @@ def find_texels(uvs: FloatArray, charts: Charts, flat: FloatArray, size: int, sa
         len(of_index),
         int(shared.sum()),
     )
+
+
+def across_seams(texels: Texels, charts: Charts, positions: FloatArray, uvs: FloatArray, size: int) -> Texels:
+    """Texels outside charts, beside smooth seams, moved to where they lie on the mesh beyond the seam.
+
+    The nearest point of the chart would do to within half a texel. The chart continued in its face's plane,
+    and from there to the nearest point of the face on the other side of the seam, does to second order:
+    lookups on both sides of the seam then read the same part of the surface.
+
+    Parameters
+    ----------
+    texels : Texels
+    charts : Charts
+    positions : (F, 3, 3) float64
+        Corners of the faces.
+    uvs : (F, 3, 2) float64
+    size : int
+
+    Returns
+    -------
+    Texels
+    """
+    rows = texels.outside
+    face, corners = texels.face[rows], _in_texels(uvs[texels.face[rows]], size)
+    to = _centres(texels.texel[rows], size) - corners[:, 0]
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0]
+    b = (to[:, 0] * e2[:, 1] - to[:, 1] * e2[:, 0]) / area
+    c = (e1[:, 0] * to[:, 1] - e1[:, 1] * to[:, 0]) / area
+    beyond = np.stack([1.0 - b - c, b, c], axis=1)
+    # The edge that the point lies beyond is the one across from the corner of the least weight; beyond two of
+    # them it lies beside a corner, where the nearest point has to do.
+    edge = (beyond.argmin(axis=1) + 1) % 3
+    other = charts.across[face, edge]
+    keep = (other >= 0) & ((beyond < 0.0).sum(axis=1) == 1)
+    rows, face, other, beyond = rows[keep], face[keep], other[keep], beyond[keep]
+    place = np.einsum("mi,mid->md", beyond, positions[face])
+    weights = _nearest_weights(positions[other], place)
+    sample_face, sample_weights = texels.sample_face.copy(), texels.sample_weights.copy()
+    sample_face[texels.offsets[rows]] = other  # those outside have one sample each
+    sample_weights[texels.offsets[rows]] = weights
+    return texels._replace(sample_face=sample_face, sample_weights=sample_weights)
+
+
+def _nearest_weights(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """(m, 3) barycentric coordinates of the points of triangles (m, 3, 3) nearest to points (m, 3).
+
+    Kept a thousandth of the triangle off its edges.
+    """
+    e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    to = points - triangles[:, 0]
+    d11, d12, d22 = (e1 * e1).sum(1), (e1 * e2).sum(1), (e2 * e2).sum(1)
+    t1, t2 = (to * e1).sum(1), (to * e2).sum(1)
+    determinant = d11 * d22 - d12 * d12
+    with np.errstate(divide="ignore", invalid="ignore"):
+        b, c = (d22 * t1 - d12 * t2) / determinant, (d11 * t2 - d12 * t1) / determinant
+    best = np.stack([1.0 - b - c, b, c], axis=1)
+    inside = np.isfinite(best).all(axis=1) & (best >= 0.0).all(axis=1)
+    distance = np.where(inside, 0.0, np.inf)  # in the plane; off it all candidates have the same
+    for i in range(3):
+        j = (i + 1) % 3
+        along = triangles[:, j] - triangles[:, i]
+        t = ((points - triangles[:, i]) * along).sum(1) / np.maximum((along * along).sum(1), 1e-300)
+        t = np.clip(t, 0.0, 1.0)
+        off = points - triangles[:, i] - t[:, None] * along
+        square = (off * off).sum(1)
+        nearer = square < distance
+        distance = np.where(nearer, square, distance)
+        candidate = np.zeros_like(best)
+        candidate[:, i], candidate[:, j] = 1.0 - t, t
+        best[nearer] = candidate[nearer]
+    kept: FloatArray = best + 3e-3 * (1.0 / 3.0 - best)
+    return kept
 
 
 def sample_offsets(n: int) -> FloatArray:

@@ -31,13 +31,14 @@ def unwrap(vertices: FloatArray, faces: npt.NDArray[np.int64], size: int) -> Flo
         Welded by position: edges between vertices that merely coincide would become seams.
     faces : (F, 3) int
     size : int
-        Side of the texture in texels, which sets the room between charts: 4 texels, so that no bilinear
-        lookup reads two charts, and less below 64.
+        Side of the texture in texels, which sets the room between charts: about 4 texels, so that no
+        bilinear lookup reads two charts, and less below 64.
 
     Returns
     -------
     (F, 3, 2) float64
-        v upwards. Faces that xatlas leaves out (zero area, duplicates) have all corners in one point.
+        v upwards, no chart mirrored. Faces that xatlas leaves out (zero area, duplicates) have all corners in
+        one point.
 
     Raises
     ------
@@ -78,5 +79,5 @@ def unwrap(vertices: FloatArray, faces: npt.NDArray[np.int64], size: int) -> Flo
         )
     # In texels of a square: the page need not be one, and its coordinates are in its own sides.
     placed = uvs * (extent / extent.max())
-    out: FloatArray = placed[corners] * (1.0, -1.0) + (0.0, 1.0)
-    return np.clip(out, 0.0, 1.0)
+    out: FloatArray = np.clip(placed[corners], 0.0, 1.0)
+    return out

@@ -17,6 +17,7 @@ if __name__ == "__main__":
         options.resolution = int(data["resolution"])
         options.padding = int(data["padding"])
         options.bilinear = True
+        options.rotate_charts = False  # its quarter turns are reflections, which tangent space would show
         atlas.generate(pack_options=options)
     _, faces, uvs = atlas[0]
     np.savez(

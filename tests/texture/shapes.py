@@ -1,7 +1,8 @@
+"""Small meshes with texture coordinates made by hand."""
+
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 
 def obj_text(vertices, faces, uvs=None, normals=None) -> str:
@@ -12,13 +13,10 @@ def obj_text(vertices, faces, uvs=None, normals=None) -> str:
     if normals is not None:
         rows += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.asarray(normals, float).reshape(-1, 3).tolist()]
     for f, face in enumerate(faces):
-        corners = []
-        for i, v in enumerate(face):
-            vt = str(3 * f + i + 1) if uvs is not None else ""
-            corners.append(
-                f"{v + 1}/{vt}/{3 * f + i + 1}" if normals is not None else f"{v + 1}/{vt}".rstrip("/")
-            )
-        rows.append("f " + " ".join(corners))
+        of_corner = [3 * f + i + 1 for i in range(3)]
+        vt = of_corner if uvs is not None else ["", "", ""]
+        vn = [f"/{k}" for k in of_corner] if normals is not None else ["", "", ""]
+        rows.append("f " + " ".join(f"{v + 1}/{vt[i]}{vn[i]}".rstrip("/") for i, v in enumerate(face)))
     return "\n".join(rows) + "\n"
 
 
@@ -42,41 +40,52 @@ def placed(uvs, u0, v0, u1, v1):
     return uvs * (u1 - u0, v1 - v0) + (u0, v0)
 
 
-@pytest.fixture
-def wall_over_floor(tmp_path):
-    """A floor in 0 <= x <= 1, -2 <= y <= 2 with +z up, and a long wall on x = 0 that looks along +x.
+def wall_and_floor(height=400.0, turn=0, mirror=False, half_length=400.0):
+    """A floor 0 <= x <= 1, |y| <= 1/2 that looks along +z, and a long wall on x = 0 that looks along +x.
 
-    The floor fills u < 0.5, x along growing u; the wall fills the rest, too far to be read with it.
+    The floor fills u < 0.45; `turn` quarter turns of its coordinates, then perhaps u -> 1 - u. The wall fills
+    u > 0.55.
     """
     floor = grid((0.0, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    wall = grid((0.0, -400.0, 0.0), (0.0, 800.0, 0.0), (0.0, 0.0, 400.0))
+    wall = grid((0.0, -half_length, 0.0), (0.0, 2.0 * half_length, 0.0), (0.0, 0.0, height))
+    uv = floor[2]
+    for _ in range(turn):
+        uv = np.stack([1.0 - uv[..., 1], uv[..., 0]], axis=-1)
+    if mirror:
+        uv = uv * (-1.0, 1.0) + (1.0, 0.0)
     vertices = np.concatenate([floor[0], wall[0]])
     faces = np.concatenate([floor[1], wall[1] + len(floor[0])])
-    uvs = np.concatenate([placed(floor[2], 0.0, 0.0, 0.45, 1.0), placed(wall[2], 0.55, 0.0, 1.0, 1.0)])
-    path = tmp_path / "wall.obj"
-    path.write_text(obj_text(vertices, faces, uvs))
-    return path
+    uvs = np.concatenate([placed(uv, 0.0, 0.0, 0.45, 1.0), placed(wall[2], 0.55, 0.0, 1.0, 1.0)])
+    return vertices, faces, uvs
 
 
-@pytest.fixture
-def box(tmp_path):
-    """A cube of edge 1 over a floor; six charts of 3 x 2 cells with gutters, the floor's in the last row."""
-    cells = []
-    for axis in range(3):
-        for side in (0.0, 1.0):
-            e = np.roll(np.eye(3), axis, axis=1)  # e[0] is the axis of the face
-            origin = side * e[0]
-            a, b = (e[1], e[2]) if side else (e[2], e[1])
-            cells.append(grid(origin, a, b))
-    cells.append(grid((-2.0, -2.0, -0.25), (5.0, 0.0, 0.0), (0.0, 5.0, 0.0)))
+BOX_CELL = 0.28  # side of each chart of the box
+
+
+def box_cell(k):
+    """Lower left corner of the k-th chart."""
+    return k % 3 / 3 + 0.02, k // 3 / 3 + 0.02
+
+
+def box_side(k):
+    """Origin and two edges of the k-th side of the unit cube, x, y, z from low to high; 6 is the floor."""
+    if k == 6:
+        return np.array([-2.0, -2.0, -0.25]), np.array([5.0, 0.0, 0.0]), np.array([0.0, 5.0, 0.0])
+    e = np.roll(np.eye(3), -(k // 2), axis=0)
+    return (e[0], e[1], e[2]) if k % 2 else (np.zeros(3), e[2], e[1])
+
+
+def box(inwards=False, floor=True):
+    """A unit cube over a floor, seven charts in a grid of 3 x 3 cells."""
     vertices, faces, uvs, start = [], [], [], 0
-    for k, (v, f, uv) in enumerate(cells):
-        column, row = k % 3, k // 3
-        u0, v0 = column / 3 + 0.02, row / 3 + 0.02
+    for k in range(7 if floor else 6):
+        v, f, uv = grid(*box_side(k))
+        u0, v0 = box_cell(k)
         vertices.append(v)
         faces.append(f + start)
-        uvs.append(placed(uv, u0, v0, u0 + 0.28, v0 + 0.28))
+        uvs.append(placed(uv, u0, v0, u0 + BOX_CELL, v0 + BOX_CELL))
         start += len(v)
-    path = tmp_path / "box.obj"
-    path.write_text(obj_text(np.concatenate(vertices), np.concatenate(faces), np.concatenate(uvs)))
-    return path
+    faces, uvs = np.concatenate(faces), np.concatenate(uvs)
+    if inwards:
+        faces, uvs = faces[:, ::-1], uvs[:, ::-1]
+    return np.concatenate(vertices), faces, uvs

@@ -16,7 +16,7 @@ def covered(uvs, size, samples=1, flat=None):
     welded = np.arange(3 * n).reshape(n, 3)
     normals = np.tile([0.0, 0.0, 1.0], (n, 3, 1))
     flat = np.tile([0.0, 0.0, 1.0], (n, 1)) if flat is None else flat
-    charts = charts_of(uvs, welded, normals, np.ones(n, bool))
+    charts = charts_of(uvs, welded, normals, flat, np.ones(n, bool))
     return find_texels(uvs, charts, flat, size, samples)
 
 
@@ -100,7 +100,7 @@ def test_texels_that_hold_an_edge_have_several_samples():
     for bend in (0.0, 14.0, 16.0):
         angle = np.radians(bend)
         flat = np.array([[0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)]])
-        charts = charts_of(uvs, welded, normals, np.ones(2, bool))
+        charts = charts_of(uvs, welded, normals, flat, np.ones(2, bool))
         assert charts.n_charts == 1 and len(charts.borders) == 4
         texels = find_texels(uvs, charts, flat, 32, 4)
         assert (np.diff(texels.offsets) == 4).sum() == texels.mixed
@@ -132,9 +132,11 @@ def test_a_point_on_an_edge_is_moved_off_it():
     corners = np.array([[[0.0, 0.0], [8.0, 0.0], [0.0, 8.0]]])
     positions = np.array([[-1.0, 4.0], [2.0, 2.0]])
     weights = np.empty((2, 3))
-    uv_cover.locate(corners, np.zeros(2, np.int32), positions, 0.05, weights)
-    assert weights[0].min() > 1e-3
-    np.testing.assert_allclose(weights[0] @ corners[0], (0.0, 4.0), atol=0.05)
+    for hard in (True, False):
+        edges = np.array([[False, False, hard]])
+        uv_cover.locate(corners, edges, np.zeros(2, np.int32), positions, 0.05, weights)
+        assert (weights[0].min() > 1e-3) == hard
+        np.testing.assert_allclose(weights[0] @ corners[0], (0.0, 4.0), atol=0.05)
     np.testing.assert_allclose(weights[1] @ corners[0], (2.0, 2.0), atol=1e-14)
 
 
