@@ -14,7 +14,7 @@ from silint.validation import InputError
 if TYPE_CHECKING:
     from silint.scene import Scene
 
-__all__ = ["Sites", "Targets", "sites", "targets"]
+__all__ = ["Sites", "Targets", "chosen_faces", "sites", "targets"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
@@ -71,7 +71,7 @@ def targets(scene: Scene, asked: BakeOptions, label: str) -> Targets:
     InputError
         Groups that are not there, or normals that the file does not have.
     """
-    chosen = _chosen_faces(scene, asked.groups, label)
+    chosen = chosen_faces(scene, asked.groups, label)
     if asked.normals == "file" and not scene.own_normals.any():
         raise InputError(f"{label}: has no normals of its own, which normals='file' asks for; try 'smooth'")
     faces = scene.faces[chosen]
@@ -128,7 +128,7 @@ def sites(scene: Scene, per: str) -> tuple[FloatArray, FloatArray, npt.NDArray[n
     return targets(scene, BakeOptions(per=per), scene.name).sites[:3]
 
 
-def _chosen_faces(scene: Scene, names: Sequence[str], label: str) -> npt.NDArray[np.bool_] | slice:
+def chosen_faces(scene: Scene, names: Sequence[str], label: str) -> npt.NDArray[np.bool_] | slice:
     """Which faces belong to the named groups; all if none is named."""
     if not names:
         return slice(None)

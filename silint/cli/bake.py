@@ -20,7 +20,7 @@ __all__ = ["bake_command"]
 
 # Options that do nothing in some of the kinds of bake, and are refused there.
 _OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples")
-_OF_VERTICES = ("per", "normals", "group")
+_OF_VERTICES = ("per", "normals")
 _NOT_OF_SH = (
     *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
     *("occluder", "self_only", "group", "max_distance", "falloff", "spread", "backfaces", "ground"),
@@ -116,6 +116,7 @@ def bake_command(
         "two_sided": two_sided,
         "occluders": occluder or (),
         "self_only": self_only,
+        "groups": group or (),
         "max_distance": max_distance,
         "falloff": falloff,
         "spread": spread,
@@ -131,8 +132,7 @@ def bake_command(
         if texture is None:
             from silint.bake import bake
 
-            kinds: dict[str, Any] = {"normals": normals, "groups": group or ()}
-            summary = bake(mesh, output, quantity, per, **kinds, **shared)
+            summary = bake(mesh, output, quantity, per, normals=normals, **shared)
         else:
             from silint.texture import bake_texture
 

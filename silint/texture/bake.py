@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from silint import __version__
 from silint.bake import BakeOptions, check_unread, peak_memory
-from silint.bake.targets import Sites
+from silint.bake.targets import Sites, chosen_faces
 from silint.io import LUMINANCE, TONE_CURVE, check_output
-from silint.texture.files import SUFFIXES, check_packages, write_texture
+from silint.texture.files import SUFFIXES, Corners, check_packages, write_texture
 from silint.texture.shading import read_normal_map
 from silint.validation import InputError, choice, positive_int, unit_vector
 
@@ -35,7 +35,7 @@ MAX_SIZE = 8192
 
 # Options of a bake into vertices that mean the same here.
 _SHARED = (
-    *("occluders", "self_only", "two_sided"),
+    *("occluders", "self_only", "groups", "two_sided"),
     *("max_distance", "falloff", "spread", "backfaces", "ground"),
 )
 
@@ -96,8 +96,8 @@ def bake_texture(
     progress : callable, optional
         Called with (points done, points in all) from time to time.
     **options
-        occluders, self_only, two_sided, max_distance, falloff, spread, backfaces and ground: see
-        `silint.bake.BakeOptions`.
+        occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces and ground: see
+        `silint.bake.BakeOptions`. Coordinates may overlap between groups that are baked one by one.
 
     Returns
     -------
@@ -142,7 +142,8 @@ def bake_texture(
     occluders = [as_scene(occluder) for occluder in asked.occluders]
     limits = asked.limits(scene, occluders)
     times.append(time.perf_counter())
-    surface = surface_of(scene, Path(mesh_path), size, uv, samples)
+    chosen = chosen_faces(scene, asked.groups, os.fspath(mesh_path))
+    surface = surface_of(scene, Path(mesh_path), size, uv, samples, chosen)
     wanted = bumps is not None or (quantity == "bent" and space == "tangent")
     tangents = tangents_of(surface) if wanted else None
     points, normals, turned = shade_points(surface, tangents, bumps)
@@ -175,10 +176,13 @@ def bake_texture(
         **({"two_sided": True} if asked.two_sided else {}),
         **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
         **({"self_only": True} if asked.self_only else {}),
+        **({"groups": list(asked.groups)} if asked.groups else {}),
         **limits,
         "uv": surface.uv_source,
     }
-    write_texture(target, quantity, image, coverage, surface.corners, metadata)
+    c = surface.corners
+    written = Corners(c.positions[chosen], c.vertices[chosen], c.normals[chosen], c.uvs[chosen])
+    write_texture(target, quantity, image, coverage, written, metadata)
     times.append(time.perf_counter())
 
     told = values[:, 0]

@@ -49,15 +49,17 @@ class Surface(NamedTuple):
     """Faces without an area in space or in the texture."""
 
 
-def surface_of(scene: Scene, path: Path, size: int, uv: str, samples: int) -> Surface:
-    """The mesh on texture coordinates that are fit for a bake, and its texels."""
+def surface_of(
+    scene: Scene, path: Path, size: int, uv: str, samples: int, chosen: npt.NDArray[np.bool_] | slice
+) -> Surface:
+    """The mesh on texture coordinates that are fit for a bake, and the texels of the chosen faces."""
     reason = ""
     if uv != "unwrap":
         uvs = read_uvs(path, scene.n_faces)
         try:
             if uvs is None:
                 raise InputError("the file has no texture coordinates")
-            return _laid_out(scene, uvs, size, samples, "file", "")
+            return _laid_out(scene, uvs, size, samples, chosen, "file", "")
         except InputError as error:
             if uv == "file":
                 raise InputError(f"{path}: {error}; use uv='unwrap'") from None
@@ -65,15 +67,27 @@ def surface_of(scene: Scene, path: Path, size: int, uv: str, samples: int) -> Su
     try:
         welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
         uvs = unwrap(scene.vertices[scene.first_vertices], welded, size)
-        return _laid_out(scene, uvs, size, samples, "unwrapped", reason)
+        return _laid_out(scene, uvs, size, samples, chosen, "unwrapped", reason)
     except InputError as error:
         raise InputError(f"{path}: {f'{reason}, and ' if reason else ''}{error}") from None
 
 
-def _laid_out(scene: Scene, uvs: FloatArray, size: int, samples: int, source: str, reason: str) -> Surface:
-    uvs, complaint = check_range(uvs)
+def _laid_out(
+    scene: Scene,
+    uvs: FloatArray,
+    size: int,
+    samples: int,
+    chosen: npt.NDArray[np.bool_] | slice,
+    source: str,
+    reason: str,
+) -> Surface:
+    wanted = np.zeros(scene.n_faces, bool)
+    wanted[chosen] = True
+    in_range, complaint = check_range(uvs[wanted])
     if complaint:
         raise InputError(complaint)
+    uvs = uvs.copy()
+    uvs[wanted] = in_range
     faces = scene.faces.astype(np.int64)
     welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
     positions = scene.vertices[faces]
@@ -86,10 +100,10 @@ def _laid_out(scene: Scene, uvs: FloatArray, size: int, samples: int, source: st
     in_space = flat.any(axis=1)
     e = np.ldexp(positions[:, 1:] - positions[:, :1], -scene.welding.exponent)
     area = np.linalg.norm(np.cross(e[:, 0], e[:, 1]), axis=1)
-    lost = float(area[~in_texture].sum() / area.sum()) if area.any() else 0.0
+    lost = float(area[wanted & ~in_texture].sum() / area[wanted].sum()) if area[wanted].any() else 0.0
     if source == "file" and lost > _MOST_WITHOUT_AREA:
         raise InputError(f"its texture coordinates have no area for {100.0 * lost:.3g} % of the surface")
-    charts = charts_of(uvs, welded, normals, flat, in_texture & in_space)
+    charts = charts_of(uvs, welded, normals, flat, wanted & in_texture & in_space)
 
     texels = across_seams(find_texels(uvs, charts, flat, size, samples), charts, positions, uvs, size)
     if texels.overlapping > _MOST_OVERLAP * texels.inside:
@@ -105,7 +119,7 @@ def _laid_out(scene: Scene, uvs: FloatArray, size: int, samples: int, source: st
         welded,
         source,
         reason,
-        int((~(in_texture & in_space)).sum()),
+        int((wanted & ~(in_texture & in_space)).sum()),
     )
 
 

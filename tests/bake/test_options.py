@@ -394,6 +394,13 @@ def test_bad_options_are_refused_in_one_line(here, options, told):
     assert sorted(here.iterdir()) == before
 
 
+def test_options_are_checked_before_files_are_read(here):
+    with pytest.raises(InputError, match="ground given with method='exact'"):
+        bake("none.obj", "out.ply", ground=0, method="exact")
+    with pytest.raises(InputError, match=r"^none.obj: no such file"):
+        bake("none.obj", "out.ply", ground=0)
+
+
 def test_of_many_groups_a_few_are_listed(here):
     text = "".join(f"o part{i}\n{floor(i, 9 * i)}" for i in range(10))
     (here / "many.obj").write_text(text)

@@ -131,6 +131,24 @@ def test_texture_of_objects_alone(square, capfd):
     assert np.array_equal(both, image)
 
 
+def test_textures_of_groups_may_overlap(square, capfd):
+    """Each object has the whole texture, as they come from a modeller."""
+    rows = ["o floor", *(square / "square.obj").read_text().splitlines()]
+    rows += ["o lid", *LID.splitlines(), "f 5/1 6/2 7/3 8/4"]
+    (square / "square.obj").write_text("\n".join(rows))
+    assert cli.run(["bake", "square.obj", "-o", "out.png", "--texture", "16", "--uv", "file"]) == 2
+    assert "belong to two or more faces" in capfd.readouterr()[1]
+    floor, summary = texture(capfd, "--texture", "16", "--uv", "file", "--group", "floor")
+    assert (floor < 1).all() and summary["groups"] == ["floor"] and summary["texels"]["covered"] == 256
+    assert (texture(capfd, "--texture", "16", "--uv", "file", "--group", "lid")[0] == 1).all()
+    alone, _ = texture(capfd, "--texture", "16", "--uv", "file", "--group", "floor", "--self-only")
+    assert (alone == 1).all()
+    assert cli.run(["bake", "square.obj", "-o", "out.glb", "--texture", "8", "--group", "lid"]) == 0
+    capfd.readouterr()
+    again = trimesh.load_mesh("out.glb", process=False)
+    assert len(again.faces) == 2 and (again.vertices[:, 2] == 1).all()
+
+
 def test_texture_of_bent_normals(square, capfd):
     for arguments, expected in ((("tangent",), (0.5, 0.5, 1)), (("world",), (0.5, 0.5, 1))):
         image, summary = texture(capfd, "--texture", "8", "--quantity", "bent", "--space", *arguments)
@@ -224,7 +242,7 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("both.obj", "--texture", "8", "--uv", "file"), "both.obj"),
         (("both.obj", "--texture", "8", "--uv", "new"), "uv is 'new'"),
         (("both.obj", "--texture", "8", "--per", "face"), "--per is not for --texture"),
-        (("both.obj", "--texture", "8", "--group", "lid"), "--group is not for --texture"),
+        (("both.obj", "--texture", "8", "--group", "wall"), "both.obj: has no group 'wall'"),
         (("both.obj", "--texture", "8", "--normals", "flat"), "--normals is not for --texture"),
         (("both.obj", "--texture", "8", "--quantity", "sh"), "--texture is not for quantity 'sh'"),
         (("both.obj", "--texture", "8", "--space", "moon"), "space is 'moon'"),

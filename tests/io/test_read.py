@@ -419,7 +419,7 @@ def test_gltf_nodes_are_groups_whatever_they_are_made_of(tmp_path, suffix):
     nodes = [
         {"name": "car", "mesh": 1},
         {"name": "bike", "mesh": 0, "children": [2]},
-        {"name": "bike_wheels", "mesh": 1},  # a child that is called as trimesh calls parts
+        {"name": "bike_wheels", "mesh": 0},  # a child that is called as trimesh calls parts
         {"mesh": 0},
     ]
     text = json.dumps(gltf_document(nodes)).encode()
@@ -431,7 +431,7 @@ def test_gltf_nodes_are_groups_whatever_they_are_made_of(tmp_path, suffix):
     path.write_bytes(text)
     mesh = read_mesh(path)
     counts = dict(zip(mesh.groups, np.bincount(mesh.face_groups).tolist(), strict=True))
-    assert counts == {"car": 2, "bike": 1, "bike_wheels": 2, "3": 1}
+    assert counts == {"car": 2, "bike": 1, "bike_wheels": 1, "3": 1}
 
 
 def test_other_formats_have_no_groups(tmp_path):
