@@ -257,9 +257,7 @@ def _seams(
     rows = np.full(size * size, -1, np.int64)
     rows[surface.texels.texel] = np.arange(len(values))
     lookups = seam_lookups(seams, rows, size)
-    out = equalised(lookups, values)
-    if quantity != "bent":
-        out = np.clip(out, 0.0, values.max(axis=0))
+    out = equalised(lookups, values, positive=quantity != "bent")
     for name, of in (("before", jumps(lookups, values)), ("after", jumps(lookups, out))):
         report[f"largest_jump_{name}"] = float(of.max())
         report[f"rms_jump_{name}"] = float(np.sqrt((of * of).mean()))

@@ -29,6 +29,8 @@ _DENSITY = 2.0
 # Weight of a texel's own value: a jump falls to some percent, and nothing is moved without need.
 _PULL = 1e-2
 _STEPS = 200
+# Values that leave their range are cut off, and the rest made to agree with them, this many times.
+_ROUNDS = 4
 _ENOUGH = 1e-6  # of the residual
 
 
@@ -92,7 +94,7 @@ def jumps(lookups: SeamLookups, values: FloatArray) -> FloatArray:
     return np.asarray(between.max(axis=1)) if len(between) else np.zeros(0)
 
 
-def equalised(lookups: SeamLookups, values: FloatArray) -> FloatArray:
+def equalised(lookups: SeamLookups, values: FloatArray, positive: bool = False) -> FloatArray:
     """The values with those beside seams moved as little as makes both sides agree.
 
     Parameters
@@ -100,17 +102,28 @@ def equalised(lookups: SeamLookups, values: FloatArray) -> FloatArray:
     lookups : SeamLookups
     values : (T, C) float64
         Of the covered texels.
+    positive : bool
+        Whether they may neither fall below 0 nor rise above the largest of them.
 
     Returns
     -------
     (T, C) float64
     """
     out = values.copy()
+    for _ in range(_ROUNDS if positive else 1):
+        _add_least_change(lookups, out)
+        if positive:
+            np.clip(out, 0.0, values.max(axis=0), out=out)
+    return out
+
+
+def _add_least_change(lookups: SeamLookups, out: FloatArray) -> None:
+    """Solve for each component of values (T, C), in place."""
     d = lookups.difference
     transposed = d.T.tocsr()
-    for c in range(values.shape[1]):
+    for c in range(out.shape[1]):
         # For the change y = x - x0: (D' D + PULL) y = -D' D x0.
-        r = -(transposed @ (d @ values[lookups.texels, c]))
+        r = -(transposed @ (d @ out[lookups.texels, c]))
         y, p = np.zeros_like(r), r.copy()
         # Sums by NumPy, not BLAS: those of BLAS depend on the number of threads.
         old = float((r * r).sum())
@@ -126,7 +139,6 @@ def equalised(lookups: SeamLookups, values: FloatArray) -> FloatArray:
             p = r + (new / old) * p
             old = new
         out[lookups.texels, c] += y
-    return out
 
 
 def _bilinear(uv: FloatArray, size: int) -> tuple[IntArray, FloatArray]:

@@ -4,7 +4,8 @@ Every texel that a bilinear lookup on a chart can read has a value of its own: t
 that is nearest to the texel's centre, or, with the centre just beyond a seam of a smooth surface, of the
 point of the surface that lies there (`across_seams`). Where a texel's square holds an edge - the border of
 its chart while the centre is inside, or faces that meet at more than `BEND` degrees - one point says too
-little: then it is the mean over several positions in the square, each moved to the nearest point of the chart.
+little: then it is the mean over several positions in the square, each moved to the nearest point of the
+chart.
 """
 
 from __future__ import annotations

@@ -66,6 +66,17 @@ def test_equalised_values_are_the_least_squares_solution():
     np.testing.assert_allclose(equalised(lookups, same), same, atol=1e-12)
 
 
+def test_positive_values_stay_in_their_range():
+    _, texels, lookups = layout(24)
+    values = np.random.default_rng(1).integers(0, 2, (len(texels.texel), 2)).astype(float)
+    free, kept = equalised(lookups, values), equalised(lookups, values, positive=True)
+    assert free.min() < 0.0 or free.max() > 1.0
+    assert kept.min() >= 0.0 and (kept.max(axis=0) <= values.max(axis=0)).all()
+    # Cut off once, the two sides would part again.
+    cut = np.clip(free, 0.0, values.max(axis=0))
+    assert jumps(lookups, kept).max() < 0.5 * jumps(lookups, cut).max()
+
+
 def test_an_edge_of_many_faces_is_no_seam():
     uvs = np.random.default_rng(0).random((3, 3, 2))
     welded = np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])
