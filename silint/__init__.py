@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from silint.core.prefix_table import PrefixTable as PrefixTable
     from silint.environment import Environment as Environment
     from silint.integrator import SilhouetteIntegrator as SilhouetteIntegrator
+    from silint.limits import Limits as Limits
     from silint.one_shot import ambient_occlusion as ambient_occlusion
     from silint.plan import Plan as Plan
     from silint.prt import Transfer as Transfer
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Environment": "environment",
     "InputError": "validation",
+    "Limits": "limits",
     "Plan": "plan",
     "PrefixTable": "core.prefix_table",
     "Result": "visibility",

@@ -9,10 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
+from silint.core.caps import NO_FALLOFF, UNLIMITED, LineLimits
 from silint.core.integrands import radial_sh
 from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import NO_AIM, RadialIntervals
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
+from silint.limits import LEAST_RADIAL_SPREAD, NO_LIMITS, Limits
 from silint.validation import InputError, choice, positive_int, positive_number
 from silint.visibility import FloatArray, Result, Visibility, check_table
 
@@ -30,8 +32,14 @@ _INSTEAD_OF_ARCS = 1024
 
 _MOST_STEPS = 12  # doublings, from any number of lines to MAX_ISOLINES at least
 
+# The cosine of a cone that is too narrow for lines.
+_NARROW = float(np.cos(np.radians(LEAST_RADIAL_SPREAD)))
+
 # The error falls as lines ** -_RATE.
 _RATE = 1.5
+
+# Lines for each isoline where surfaces fall off with distance, as each of them takes one radius.
+_LINES_OF_FALLOFF = 4
 
 Found = tuple[FloatArray, FloatArray]  # value, error estimate
 
@@ -49,6 +57,8 @@ class Integrand(NamedTuple):
     prepare: Callable[[int], Any] | None = (
         None  # builds the table for some isolines, before any lock is taken
     )
+    has_spread: bool = False  # a fraction of a cone, or of the hemisphere
+    exact_has_spread: bool = False  # along arcs too
 
 
 def evaluate(
@@ -61,9 +71,12 @@ def evaluate(
     tolerance: float | None,
     full_output: bool,
     progress: Progress | None,
+    *,
+    limits: Limits = NO_LIMITS,
 ) -> Any:
     """Both phases, group by group, so that memory does not grow with the points."""
     choice(method, "method", METHODS)
+    method = limits.method_for(method, integrand.exact_has_spread, integrand.has_spread)
     if method == "exact":
         if integrand.exact is None:
             raise InputError("method is 'exact'; there is no closed form along arcs for this request")
@@ -80,6 +93,7 @@ def evaluate(
         tolerance, lines = positive_number(tolerance, "tolerance"), _FIRST_ISOLINES
     else:
         raise InputError("isolines and tolerance given; a tolerance takes as many isolines as it needs")
+    within = finder.line_limits(limits) if limits else UNLIMITED
     n_points, chunks = finder.shade_point_chunks(points, normals)
     value, estimate = np.empty((n_points, *integrand.shape)), np.empty(n_points)
     totals = diagnose(None, 0, 0, 0)
@@ -89,9 +103,9 @@ def evaluate(
         report = _part_of(progress, chunk, n_points)
         part = value[chunk], estimate[chunk]
         if tolerance is None or method == "exact":
-            _run(finder, integrand, method, p, n, np.arange(len(p)), lines, *part, totals, report)
+            _run(finder, integrand, method, within, p, n, np.arange(len(p)), lines, *part, totals, report)
         else:
-            _refine(finder, integrand, method, p, n, tolerance, *part, totals, report)
+            _refine(finder, integrand, method, within, p, n, tolerance, *part, totals, report)
     if tolerance is not None and method == "exact":
         totals["above_tolerance"] = int((estimate > tolerance).sum())
     return Result(value, estimate, totals) if full_output else value
@@ -101,6 +115,7 @@ def _refine(
     finder: VisibleFinder,
     integrand: Integrand,
     method: str,
+    limits: LineLimits,
     p: FloatArray,
     n: FloatArray,
     tolerance: float,
@@ -114,6 +129,8 @@ def _refine(
     Points that need very many take arcs instead.
     """
     most = integrand.most_octahedral if method == "octahedral" else MAX_ISOLINES
+    if limits.falloff != NO_FALLOFF:
+        most = MAX_ISOLINES // _LINES_OF_FALLOFF
     lines = np.full(len(p), _FIRST_ISOLINES)
     k = _FIRST_ISOLINES
     while k <= most:
@@ -121,14 +138,16 @@ def _refine(
         if method == "auto" and integrand.exact is not None and k > _ARCS_BEYOND and not finder.cover:
             rows, k = np.flatnonzero(lines > _ARCS_BEYOND), most
             counts = diagnose(None, 0, 0, 0)
-            _run_exact(finder, integrand, p[rows], n[rows], rows, value, estimate, counts, None)
+            _run_exact(finder, integrand, limits, p[rows], n[rows], rows, value, estimate, counts, None)
             add_counts(totals, {**counts, "points": 0, "buried": 0})
             lines[rows] = np.where(estimate[rows] > tolerance, 2 * most, most)
         elif len(rows):
             counts = diagnose(None, 0, 0, 0)
             # Progress is that of the first pass; what a few points need beyond it is not known.
             report = progress if k == _FIRST_ISOLINES else None
-            _run(finder, integrand, method, p[rows], n[rows], rows, k, value, estimate, counts, report)
+            _run(
+                finder, integrand, method, limits, p[rows], n[rows], rows, k, value, estimate, counts, report
+            )
             above = rows[estimate[rows] > tolerance]
             steps = np.ceil(np.log2(estimate[above] / tolerance) / _RATE).clip(1, _MOST_STEPS)
             lines[above] = k * 2 ** steps.astype(int)
@@ -145,6 +164,7 @@ def _run(
     finder: VisibleFinder,
     integrand: Integrand,
     method: str,
+    limits: LineLimits,
     p: FloatArray,
     n: FloatArray,
     rows: npt.NDArray[Any],
@@ -156,7 +176,7 @@ def _run(
 ) -> None:
     """Write value and estimate of some rows, and add what was counted."""
     if method == "exact":
-        _run_exact(finder, integrand, p, n, rows, value, estimate, totals, progress)
+        _run_exact(finder, integrand, limits, p, n, rows, value, estimate, totals, progress)
         return
     if integrand.prepare is not None:
         integrand.prepare(max(isolines, 2))
@@ -167,7 +187,8 @@ def _run(
             add_counts(totals, visible.diagnostics)
         return
     even = radial_sh.enough_lines(isolines, integrand.max_degree)
-    for found, counts, group in finder.radial(p, n, even, progress, integrand.aim):
+    lines = even if limits.falloff == NO_FALLOFF else _LINES_OF_FALLOFF * even
+    for found, counts, group in finder.radial(p, n, lines, progress, integrand.aim, limits):
         with KERNEL_LOCK:
             value[rows[group]], estimate[rows[group]] = integrand.radial(found)
         add_counts(totals, counts)
@@ -176,6 +197,7 @@ def _run(
 def _run_exact(
     finder: VisibleFinder,
     integrand: Integrand,
+    limits: LineLimits,
     p: FloatArray,
     n: FloatArray,
     rows: npt.NDArray[Any],
@@ -193,12 +215,15 @@ def _run_exact(
         failed.append(group[~certain])
         add_counts(totals, counts)
     again = np.concatenate(failed) if failed else np.zeros(0, np.int64)
-    if len(again):
+    if len(again) and limits.cone > _NARROW:
+        estimate[rows[again]] = 1.0  # lines cannot stand in
+    elif len(again):
         counts = diagnose(None, 0, 0, 0)
         _run(
             finder,
             integrand,
             "radial",
+            limits,
             p[again],
             n[again],
             rows[again],

@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
 from silint.core.bundles import build_edge_bundles
+from silint.core.caps import LINEAR, NO_FALLOFF, NO_GROUND, QUADRATIC, UNLIMITED, LineLimits
 from silint.core.contour import CONTOURS, CROSSINGS, EDGES, NODES, SNAPPED
-from silint.core.face_bundles import build_face_bundles
+from silint.core.face_bundles import build_face_bundles, with_corners
 from silint.core.jit import KERNEL_LOCK
 from silint.core.lift import lift_points
 from silint.core.radial import NO_AIM, RadialIntervals
@@ -27,6 +28,7 @@ from silint.core.visible import (
     prefers_cover,
     tile_order,
 )
+from silint.limits import Limits
 from silint.scene import Scene
 from silint.validation import InputError, normal_rows, normals_array, points_array
 from silint.visibility import FloatArray, Visibility
@@ -50,6 +52,8 @@ _TILED_POINTS = 1 << 17
 _PER_BLOCK = 8 * TILE
 _ARCS_PER_BLOCK = 2 * TILE
 
+_FALLOFFS = {"none": NO_FALLOFF, "linear": LINEAR, "quadratic": QUADRATIC}
+
 
 class VisibleFinder:
     """The hierarchies over a scene, and what is visible past it."""
@@ -60,6 +64,10 @@ class VisibleFinder:
         with KERNEL_LOCK:
             contour, boundary, self.flat_edges = build_edge_bundles(self.geometry)
             self.bundles = Bundles(contour, boundary, build_face_bundles(self.geometry, corners=False))
+            used = self.geometry.vertices[self.geometry.faces].reshape(-1, 3)
+            if len(used) == 0:
+                used = np.zeros((1, 3))
+            self._box = used.min(axis=0), used.max(axis=0)
         self._cover: bool | None = None
         self._arc_capacity = _ARCS_PER_BLOCK * 256  # arcs for which a block has room
 
@@ -71,6 +79,50 @@ class VisibleFinder:
                 if self._cover is None:
                     self._cover, self.bundles = prefers_cover(self.geometry, self.bundles)
         return self._cover
+
+    def line_limits(self, limits: Limits) -> LineLimits:
+        """The same limits in scaled units, as the kernels take them; faces are made ready to be covered."""
+        exponent = -self.scene.welding.exponent
+        diagonal = float(np.ldexp(np.linalg.norm(self._box[1] - self._box[0]), -exponent))
+        with np.errstate(over="ignore", under="ignore"):
+            reach = float(np.ldexp(limits.distance(diagonal), exponent))
+            ground = NO_GROUND
+            if limits.ground is not None:
+                ground = np.array(limits.ground)
+                ground[3] = np.ldexp(ground[3], exponent)
+        found = LineLimits(
+            max(reach, np.finfo(np.float64).tiny),  # no direction is as near as that
+            _FALLOFFS[limits.falloff],
+            limits.backfaces == "ignore",
+            limits.cone,
+            ground,
+        )
+        with KERNEL_LOCK:
+            if found.by_faces and len(self.bundles.face.corners) == 0:
+                face = with_corners(self.bundles.face, self.geometry)
+                self.bundles = self.bundles._replace(face=face)
+        return found
+
+    def _ways(
+        self, p: FloatArray, limits: LineLimits
+    ) -> list[tuple[npt.NDArray[np.int64], bool, LineLimits]]:
+        """Rows of points, whether they are covered, and what limits them.
+
+        Points from which the scene ends within the distance are served as without one: to the same bits.
+        """
+        rows = np.arange(len(p))
+        if limits.reach == np.inf or limits.falloff != NO_FALLOFF:
+            return [(rows, limits.by_faces or self.cover, limits)]
+        low, high = self._box
+        farthest = np.maximum(np.abs(p - low), np.abs(p - high))
+        beyond = (farthest * farthest).sum(axis=1) <= limits.reach * limits.reach
+        unlimited = limits._replace(reach=np.inf, ground_reach=limits.reach)
+        ways = []
+        if beyond.any():
+            ways.append((rows[beyond], limits.one_sided or self.cover, unlimited))
+        if not beyond.all():
+            ways.append((rows[~beyond], True, limits))
+        return ways
 
     def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Points in scaled units, lifted along their unit normals, and these."""
@@ -176,10 +228,30 @@ class VisibleFinder:
         isolines: int,
         progress: Progress | None,
         aim: FloatArray = NO_AIM,
+        limits: LineLimits = UNLIMITED,
     ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int64]]]:
         """Visible intervals on radial isolines of groups of points, what was counted, and their rows."""
+        done = 0
+        for rows, cover, within in self._ways(p, limits):
+            report = _after(progress, done, len(p))
+            for visible, totals, group in self._radial(
+                p[rows], n[rows], isolines, report, aim, within, cover
+            ):
+                yield visible, totals, rows[group]
+            done += len(rows)
+
+    def _radial(
+        self,
+        p: FloatArray,
+        n: FloatArray,
+        isolines: int,
+        progress: Progress | None,
+        aim: FloatArray,
+        limits: LineLimits,
+        cover: bool,
+    ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int64]]]:
+        """The same one way."""
         capacity, done = 2 * _PER_BLOCK * isolines, 0
-        cover = self.cover
         for points, normals, rows in self._in_tiles(p, n):
             first, size = 0, 4 * _PER_BLOCK
             while first < len(rows):
@@ -196,6 +268,7 @@ class VisibleFinder:
                         capacity,
                         cover,
                         aim,
+                        limits,
                     )
                 if isinstance(found, int):
                     capacity = found + found // 4
@@ -262,6 +335,13 @@ class VisibleFinder:
             with KERNEL_LOCK:
                 order = tile_order(p[chunk], n[chunk])
             yield p[chunk][order], n[chunk][order], start + order.astype(np.int64)
+
+
+def _after(progress: Progress | None, before: int, total: int) -> Progress | None:
+    """Progress of some points, as that of all where so many were done before."""
+    if progress is None:
+        return None
+    return lambda done, _: progress(before + done, total)
 
 
 def _next_size(size: int, block: int, capacity: int, seconds: float) -> int:

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from silint import gradients
 from silint.core.integrands import arcs as along_arcs
-from silint.core.integrands import arcs_sh, fractions, octahedral_sh, radial, radial_sh
+from silint.core.integrands import arcs_cone, arcs_sh, fractions, octahedral_sh, radial, radial_sh
 from silint.core.radial import NO_AIM
+from silint.derivatives import DerivativeQueries
 from silint.environment import Environment
 from silint.evaluate import MAX_ISOLINES, METHODS, Integrand, evaluate
 from silint.explain import memory, request_plan, scene_plan
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
+from silint.limits import NO_LIMITS, Limits
 from silint.plan import Plan
 from silint.scene import as_scene
 from silint.sh import MAX_DEGREE
@@ -29,7 +30,7 @@ from silint.visibility import WEIGHTINGS, Visibility, in_rows
 from silint.visible_arcs import VisibleArcs, compact, join
 
 
-class SilhouetteIntegrator(TabulatedQueries):
+class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
     """Integrals over what points can see of a scene, from the silhouettes seen by them [NBMJ14].
 
     Built once for a scene; every query is a function of its arguments alone, and one integrator may serve
@@ -80,6 +81,12 @@ class SilhouetteIntegrator(TabulatedQueries):
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        *,
+        max_distance: float | str | None = None,
+        falloff: str = "none",
+        spread: float = 90.0,
+        backfaces: str = "block",
+        ground: npt.ArrayLike | None = None,
     ) -> Any:
         """Open fraction of the hemisphere over each point: 1 is open, 0 is closed.
 
@@ -103,6 +110,8 @@ class SilhouetteIntegrator(TabulatedQueries):
             Return a `Result` instead of the values.
         progress : callable, optional
             Called with the numbers of points done and in all.
+        max_distance, falloff, spread, backfaces, ground
+            What counts: see `silint.Limits`. All but `spread` take radial isolines.
 
         Returns
         -------
@@ -114,6 +123,7 @@ class SilhouetteIntegrator(TabulatedQueries):
             Wrong shapes, NaN, zero normals or unknown options, in one line.
         """
         choice(weighting, "weighting", WEIGHTINGS)
+        limits = Limits(max_distance, falloff, spread, backfaces, ground)
 
         integrand = Integrand(
             (),
@@ -121,9 +131,13 @@ class SilhouetteIntegrator(TabulatedQueries):
                 v.normals, (v.offsets, v.intervals), v.isolines, weighting
             ),
             lambda v: radial.hemisphere_fraction(v, weighting),
-            lambda a: along_arcs.hemisphere_fraction(a, weighting),
+            lambda a: arcs_cone.cone_fraction(a, weighting, limits.cone),
+            has_spread=True,
+            exact_has_spread=True,
         )
-        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
+        return self._integrate(
+            integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
+        )
 
     def sky_view_factor(
         self,
@@ -135,6 +149,12 @@ class SilhouetteIntegrator(TabulatedQueries):
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        *,
+        max_distance: float | str | None = None,
+        falloff: str = "none",
+        spread: float = 90.0,
+        backfaces: str = "block",
+        ground: npt.ArrayLike | None = None,
     ) -> Any:
         """(1/pi) int V max(n.w, 0) [up.w > 0] dw: the share of a uniform sky's light that arrives.
 
@@ -144,20 +164,26 @@ class SilhouetteIntegrator(TabulatedQueries):
         ----------
         up : array_like, shape (3,)
             Where the sky is.
+        max_distance, falloff, spread, backfaces, ground
+            See `silint.Limits`; with a spread it is a share of what an open cone has of n.w.
 
         Returns
         -------
         (n,) float64, or Result
         """
         axis = unit_vector(up, "up")
+        limits = Limits(max_distance, falloff, spread, backfaces, ground)
 
         integrand = Integrand(
             (),
             lambda v: fractions.sky_view_factor(v.normals, (v.offsets, v.intervals), v.isolines, axis),
             lambda v: radial.sky_view_factor(v, axis),
             lambda a: along_arcs.sky_view_factor(a, axis),
+            has_spread=True,
         )
-        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
+        return self._integrate(
+            integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
+        )
 
     def bent_normals(
         self,
@@ -168,22 +194,38 @@ class SilhouetteIntegrator(TabulatedQueries):
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        *,
+        max_distance: float | str | None = None,
+        falloff: str = "none",
+        spread: float = 90.0,
+        backfaces: str = "block",
+        ground: npt.ArrayLike | None = None,
     ) -> Any:
         """(1/pi) int V max(n.w, 0) w dw: where the open part of the sky lies, and how much there is.
 
         Under an open sky it is 2/3 n; zero where nothing is visible.
 
+        Parameters
+        ----------
+        max_distance, falloff, spread, backfaces, ground
+            See `silint.Limits`; with a spread it is over what an open cone has of (1/pi) n.w, sin^2(spread).
+
         Returns
         -------
         (n, 3) float64, or Result
         """
+        limits = Limits(max_distance, falloff, spread, backfaces, ground)
+
         integrand = Integrand(
             (3,),
             lambda v: fractions.bent_normal(v.normals, (v.offsets, v.intervals), v.isolines),
             radial.bent_normal,
             along_arcs.bent_normal,
+            has_spread=True,
         )
-        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
+        return self._integrate(
+            integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
+        )
 
     def sh_transfer(
         self,
@@ -196,6 +238,11 @@ class SilhouetteIntegrator(TabulatedQueries):
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        *,
+        max_distance: float | str | None = None,
+        falloff: str = "none",
+        backfaces: str = "block",
+        ground: npt.ArrayLike | None = None,
     ) -> Any:
         """Visibility in spherical harmonics: what an environment's coefficients are to be multiplied with.
 
@@ -213,6 +260,8 @@ class SilhouetteIntegrator(TabulatedQueries):
             (1/pi) int V max(n.w, 0) Y_lm dw, or int V Y_lm dw over the hemisphere of n.
         tolerance : float, optional
             Of the square root of the summed squares of all coefficients' errors, as is the estimate.
+        max_distance, falloff, backfaces, ground
+            See `silint.Limits`.
 
         Returns
         -------
@@ -220,6 +269,7 @@ class SilhouetteIntegrator(TabulatedQueries):
         """
         choice(weighting, "weighting", WEIGHTINGS)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
+        limits = Limits(max_distance, falloff, 90.0, backfaces, ground)
         integrand = Integrand(
             ((degree + 1) ** 2,),
             lambda v: octahedral_sh.sh_transfer(
@@ -230,7 +280,9 @@ class SilhouetteIntegrator(TabulatedQueries):
             min(octahedral_sh.most_isolines(degree, weighting), MAX_ISOLINES),
             max_degree=degree,
         )
-        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
+        return self._integrate(
+            integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
+        )
 
     def irradiance(
         self,
@@ -242,6 +294,11 @@ class SilhouetteIntegrator(TabulatedQueries):
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        *,
+        max_distance: float | str | None = None,
+        falloff: str = "none",
+        backfaces: str = "block",
+        ground: npt.ArrayLike | None = None,
     ) -> Any:
         """int L V max(n.w, 0) dw: what arrives from an environment, past the scene [NBMJ14 eq. 8].
 
@@ -257,6 +314,8 @@ class SilhouetteIntegrator(TabulatedQueries):
             show as bands. "auto" takes radial ones for maps of 256 rows and more.
         tolerance : float, optional
             In units of irradiance, of the channel that needs it most.
+        max_distance, falloff, backfaces, ground
+            See `silint.Limits`: what is too far away, or seen from its back, lets light through.
 
         Returns
         -------
@@ -269,7 +328,8 @@ class SilhouetteIntegrator(TabulatedQueries):
                 "(Environment.from_file, .from_array, .constant, ...)"
             )
         choice(method, "method", ("auto", "octahedral", "radial"))
-        if method == "auto" and not environment.suits_radial:
+        limits = Limits(max_distance, falloff, 90.0, backfaces, ground)
+        if method == "auto" and not (environment.suits_radial or limits):
             method = "octahedral"
         octahedral = method == "octahedral"
         most = min(environment.most_isolines, MAX_ISOLINES) if octahedral else MAX_ISOLINES
@@ -283,7 +343,9 @@ class SilhouetteIntegrator(TabulatedQueries):
             most,
             aim=NO_AIM if octahedral else environment.aim,
         )
-        return self._integrate(integrand, points, normals, isolines, method, tolerance, full_output, progress)
+        return self._integrate(
+            integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
+        )
 
     def visibility(
         self,
@@ -338,85 +400,6 @@ class SilhouetteIntegrator(TabulatedQueries):
             add_counts(totals, counts)
         return VisibleArcs(*join(len(p), groups), diagnostics=totals)
 
-    # ------------------------------------------------------------------ derivatives
-
-    def ambient_occlusion_gradient(
-        self,
-        points: npt.ArrayLike,
-        normals: npt.ArrayLike,
-        weighting: str = "cosine",
-        full_output: bool = False,
-        progress: Progress | None = None,
-    ) -> Any:
-        """Exact ambient occlusion, and its derivatives by the points and their normals (docs/exact.md).
-
-        Returns
-        -------
-        Gradient
-            ``value`` (n,), ``points`` (n, 3) per unit of length, ``normals`` (n, 3) of the normals as passed.
-            NaN at ``uncertified_points``. With `full_output` a tuple of it and the diagnostics.
-        """
-        return self.gradient(points, normals, "ambient_occlusion", weighting, 4, full_output, progress)
-
-    def gradient(
-        self,
-        points: npt.ArrayLike,
-        normals: npt.ArrayLike,
-        quantity: str = "ambient_occlusion",
-        weighting: str = "cosine",
-        max_degree: int = 4,
-        full_output: bool = False,
-        progress: Progress | None = None,
-    ) -> Any:
-        """The same for any quantity that has derivatives: their components come last, (n, C) and (n, 3, C).
-
-        Parameters
-        ----------
-        quantity : {"ambient_occlusion", "bent_normals", "sh_transfer", "vector_irradiance"}
-            The last is int V w dw over the hemisphere of n.
-        weighting : {"cosine", "uniform"}
-            Of ambient occlusion and SH transfer.
-        max_degree : int
-            Of SH transfer.
-        """
-        what = gradients.integrand(quantity, weighting, max_degree)
-        found = gradients.gradient(self._finder, what, points, normals, progress)
-        return found if full_output else found[0]
-
-    def pullback(
-        self,
-        points: npt.ArrayLike,
-        normals: npt.ArrayLike,
-        cotangents: npt.ArrayLike,
-        quantity: str = "ambient_occlusion",
-        weighting: str = "cosine",
-        max_degree: int = 4,
-        full_output: bool = False,
-        progress: Progress | None = None,
-    ) -> Any:
-        """Derivative of sum(cotangents * value) by the file's vertices, exactly (docs/exact.md).
-
-        For a loss of the values, cotangents are its derivatives by each of them; this is the vector-Jacobian
-        product of reverse differentiation.
-
-        Parameters
-        ----------
-        cotangents : array_like
-            Shaped as the values: (n,) or (n, C).
-        quantity, weighting, max_degree
-            As in `gradient`.
-
-        Returns
-        -------
-        (V, 3) float64
-            A corner that k of the file's vertices share has its derivative divided among them: what moves
-            them together gets the true derivative from the sum. With `full_output` a tuple of it and the
-            diagnostics.
-        """
-        what = gradients.integrand(quantity, weighting, max_degree)
-        found = gradients.pullback(self._finder, what, points, normals, cotangents, progress)
-        return found if full_output else found[0]
-
     # ------------------------------------------------------------------ what is built, and why
 
     @property
@@ -453,8 +436,8 @@ class SilhouetteIntegrator(TabulatedQueries):
         """Bytes of topology and hierarchies, by part."""
         return memory(self._finder)
 
-    def _integrate(self, integrand: Integrand, *request: Any) -> Any:
-        return evaluate(self._finder, integrand, *request)
+    def _integrate(self, integrand: Integrand, *request: Any, limits: Limits = NO_LIMITS) -> Any:
+        return evaluate(self._finder, integrand, *request, limits=limits)
 
     def __repr__(self) -> str:
         return f"<silint.SilhouetteIntegrator of {self.scene!r}>"

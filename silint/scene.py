@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from silint.core.topology import Topology, Welding, build_topology
 from silint.io import mesh_data, read_mesh
-from silint.validation import InputError, mesh_arrays
+from silint.validation import InputError, mesh_arrays, row_numbers
 
 if TYPE_CHECKING:
     import trimesh
@@ -35,6 +36,10 @@ class Scene:
         The file's own vertex normals; those that are zero or not finite count as missing.
     name : str
         For messages.
+    groups : sequence of str
+        Names of objects that the faces belong to, each of its own.
+    face_groups : array_like of int, shape (F,), optional
+        The row of `groups` of each face.
 
     Raises
     ------
@@ -48,6 +53,8 @@ class Scene:
         faces: npt.ArrayLike,
         normals: npt.ArrayLike | None = None,
         name: str = "",
+        groups: Sequence[str] = (),
+        face_groups: npt.ArrayLike | None = None,
     ) -> None:
         v, f, float32_source = mesh_arrays(vertices, faces)
         self.vertices: FloatArray = _frozen(v)
@@ -67,6 +74,14 @@ class Scene:
             self.normals = _frozen(own)
         self.name = name
         self.float32_source = float32_source
+        self.groups = tuple(groups)
+        self.face_groups: npt.NDArray[np.int32] | None = None
+        if (face_groups is None) != (not self.groups):
+            raise InputError("groups and face_groups belong together; pass both or neither")
+        if face_groups is not None:
+            self.face_groups = _frozen(
+                row_numbers(face_groups, "face_groups", self.n_faces, len(self.groups))
+            )
 
     @classmethod
     def from_trimesh(cls, mesh: trimesh.Trimesh | trimesh.Scene) -> Scene:
@@ -84,10 +99,16 @@ class Scene:
         return len(self.faces)
 
     @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """The lowest and the highest corner, (3,) each, of the box around all faces."""
+        used = self.vertices[np.unique(self.faces)]
+        return used.min(axis=0), used.max(axis=0)
+
+    @property
     def extent(self) -> float:
         """The longest side of the bounding box, in the file's unit."""
-        used = self.vertices[np.unique(self.faces)]
-        return float((used.max(axis=0) - used.min(axis=0)).max())
+        low, high = self.bounds
+        return float((high - low).max())
 
     @cached_property
     def _connected(self) -> tuple[Topology, Welding, dict[str, int]]:
@@ -118,8 +139,13 @@ class Scene:
         """
         return dict(self._connected[2])
 
-    def vertex_normals(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    def vertex_normals(self, smooth: bool = False) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         """Unit normals of the file's vertices.
+
+        Parameters
+        ----------
+        smooth : bool
+            Angle-weighted normals even where the file has its own.
 
         Returns
         -------
@@ -131,14 +157,19 @@ class Scene:
             nothing.
         """
         normals = self._angle_weighted_normals()
-        if self.normals is not None:
-            own = np.where(np.isfinite(self.normals), self.normals, 0.0)
-            own = _unit(own)
-            replace = own.any(axis=1) & self._referenced
-            normals[replace] = own[replace]
+        if self.normals is not None and not smooth:
+            replace = self.own_normals & self._referenced
+            normals[replace] = _unit(self.normals[replace])
         valid = np.asarray(normals.any(axis=1))
         normals[~valid] = (0.0, 0.0, 1.0)
         return normals, valid
+
+    @property
+    def own_normals(self) -> npt.NDArray[np.bool_]:
+        """Where the file itself gives a vertex a normal, (V,)."""
+        if self.normals is None:
+            return np.zeros(self.n_vertices, dtype=bool)
+        return np.asarray(np.isfinite(self.normals).all(axis=1) & self.normals.any(axis=1))
 
     def _angle_weighted_normals(self) -> FloatArray:
         topology, welding = self.topology, self.welding
@@ -206,7 +237,7 @@ def as_scene(source: Any) -> Scene:
 
 
 def _from_data(data: Any) -> Scene:
-    scene = Scene(data.vertices, data.faces, data.normals, data.name)
+    scene = Scene(data.vertices, data.faces, data.normals, data.name, data.groups, data.face_groups)
     scene.float32_source = data.float32_source
     return scene
 

@@ -28,6 +28,7 @@ __all__ = [
     "positive_number",
     "rotation_about",
     "rotation_matrix",
+    "row_numbers",
     "unit_vector",
 ]
 
@@ -213,6 +214,16 @@ def mesh_arrays(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[FloatArr
             f"{_rows_text(rows)}, the first of them {first}"
         )
     return out, np.ascontiguousarray(triangles, dtype=np.int32), came_as_float32
+
+
+def row_numbers(values: npt.ArrayLike, name: str, n: int, rows: int) -> IntArray:
+    """Whole numbers from 0 to below `rows`, shape (n,), as int32."""
+    array = _numeric(values, name, f"integers, shape ({n},)")
+    if array.dtype.kind not in "iu" or array.shape != (n,):
+        raise InputError(f"{name} is {array.dtype} of shape {array.shape}; expected integers, shape ({n},)")
+    if n and not (0 <= array.min() and array.max() < rows):
+        raise InputError(f"{name} has values outside 0..{rows - 1}: {array.min()} to {array.max()}")
+    return np.ascontiguousarray(array, dtype=np.int32)
 
 
 def positive_int(value: Any, name: str, minimum: int = 1, maximum: int | None = None) -> int:

@@ -254,7 +254,7 @@ def here(folder, tmp_path, monkeypatch):
 
 
 def run(capfd, *arguments):
-    code = cli._run(list(arguments))
+    code = cli.run(list(arguments))
     out, err = capfd.readouterr()
     return code, out, err
 

@@ -43,8 +43,9 @@ def test_a_scene_keeps_the_files_own_arrays() -> None:
 
 def test_a_scene_is_immutable_and_its_own() -> None:
     vertices, faces = polyhedra.box()
-    scene = Scene(vertices, faces, normals=vertices)
-    for array in (scene.vertices, scene.faces, scene.normals):
+    scene = Scene(vertices, faces, normals=vertices, groups=["all"], face_groups=np.zeros(len(faces), int))
+    assert scene.groups == ("all",) and scene.face_groups.dtype == np.int32
+    for array in (scene.vertices, scene.faces, scene.normals, scene.face_groups):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
     vertices[0] = faces[0] = 0  # the caller's arrays stay the caller's
@@ -142,6 +143,18 @@ def test_an_unused_vertex_where_others_meet_has_no_normal() -> None:
     assert valid.tolist() == [True] * 8 + [False]
 
 
+def test_smooth_normals_on_request() -> None:
+    vertices, faces = polyhedra.box()
+    own = np.tile([0.0, 0.0, 2.0], (8, 1))
+    own[1], own[2] = 0.0, np.nan
+    scene = Scene(vertices, faces, own)
+    assert scene.own_normals.tolist() == [True, False, False, True, True, True, True, True]
+    smooth = Scene(vertices, faces).vertex_normals()[0]
+    np.testing.assert_array_equal(scene.vertex_normals(smooth=True)[0], smooth)
+    assert not np.array_equal(scene.vertex_normals()[0], smooth)
+    assert not Scene(vertices, faces).own_normals.any()
+
+
 def test_face_centers_and_normals() -> None:
     vertices = [(0, 0, 0), (3, 0, 0), (0, 3, 0), (6, 0, 0)]
     centers, normals, valid = Scene(
@@ -193,6 +206,23 @@ def test_normals_that_are_no_numbers(normals: object) -> None:
         assert "normals" in refusal(Scene, *polyhedra.box(), normals=normals)
     else:
         assert Scene(*polyhedra.box(), normals=None).normals is None
+
+
+@pytest.mark.parametrize(
+    ("groups", "face_groups", "told"),
+    [
+        (["a"], None, "groups and face_groups belong together"),
+        ([], [0, 0], "groups and face_groups belong together"),
+        (["a"], [0], "face_groups is int64 of shape (1,); expected integers, shape (2,)"),
+        (["a"], [0.0, 0.0], "face_groups is float64 of shape (2,)"),
+        (["a"], [0, 1], "face_groups has values outside 0..0: 0 to 1"),
+        (["a", "b"], [-1, 1], "face_groups has values outside 0..1: -1 to 1"),
+        (["a"], ["x", "y"], "face_groups"),
+    ],
+)
+def test_groups_that_do_not_fit(groups: list[str], face_groups: object, told: str) -> None:
+    faces = [(0, 1, 2), (2, 1, 0)]
+    assert told in refusal(Scene, np.eye(3), faces, groups=groups, face_groups=face_groups)
 
 
 def test_files_that_are_no_scene(tmp_path: Path) -> None:

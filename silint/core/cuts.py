@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from silint.core.caps import cap_on_line
 from silint.core.contour import plane_side
 from silint.core.face_bundles import CORNER_BLOCK
 from silint.core.jit import INNER
@@ -252,6 +253,42 @@ def list_round_cuts(
             cut_lines[n_cuts] = k if k < n_lines else k - n_lines
             cuts[2 * n_cuts], cuts[2 * n_cuts + 1] = np.inf if up else y, y if up else -np.inf
             n_cuts += 1
+    return n_cuts
+
+
+@njit(**INNER)
+def faces_away(face_planes, planes, plane_errors, f, p, n, rounding):
+    """True where p sees a face from its back."""
+    code = face_planes[f]
+    k = max(code, ~code)
+    return (plane_side(planes, k, plane_errors[k] + rounding, p, n) > 0) != (code >= 0)
+
+
+@njit(**INNER)
+def keep_near(
+    face_planes, planes, plane_errors, f, p, frame, lines, nearness, rounding, cuts, cut_lines, first, end
+):
+    """Narrow the cuts [first, end) of a face to where its plane is near; returns where they end now.
+
+    `nearness` (K,) is 1 / R of each line.
+    """
+    code = face_planes[f]
+    k = max(code, ~code)
+    x, y, z = planes[k, 0], planes[k, 1], planes[k, 2]
+    height = x * p[0] + y * p[1] + z * p[2] + planes[k, 3]
+    if abs(height) <= plane_errors[k] + rounding:
+        return end  # seen from its edge, if at all
+    t, m, a = in_frame(x, y, z, frame)
+    sign = -1.0 if height > 0.0 else 1.0
+    t, m, a, height = sign * t, sign * m, sign * a, abs(height)
+    n_cuts = first
+    for c in range(first, end):
+        line = cut_lines[c]
+        high, low = cap_on_line(a, t * lines[line, 0] + m * lines[line, 1], height * nearness[line])
+        high, low = min(cuts[2 * c], high), max(cuts[2 * c + 1], low)
+        cut_lines[n_cuts] = line
+        cuts[2 * n_cuts], cuts[2 * n_cuts + 1] = high, low
+        n_cuts += int(low < high)
     return n_cuts
 
 

@@ -75,13 +75,18 @@ def line_table(n_lines: int) -> np.ndarray:
     return np.stack([np.cos(phi), np.sin(phi)], axis=1)
 
 
-def normal_table(lines: np.ndarray) -> np.ndarray:
+def normal_table(lines: np.ndarray, cosine: float = 0.0) -> np.ndarray:
     """The normal seen from each line: its component along the line's t and the key of its horizon, (K, 2).
 
-    The frame is fixed to the normal, so these are the same for every shade point.
+    The frame is fixed to the normal, so these are the same for every shade point. With a `cosine` above 0 the
+    keys are those of the cone n.w > cosine instead, which has to hold the axis: 4 degrees wide at least.
     """
     along = _G02 * lines[:, 0] + _G12 * lines[:, 1]
-    return np.stack([along, -along / _G22], axis=1)
+    if cosine == 0.0:
+        return np.stack([along, -along / _G22], axis=1)
+    # n.w = rho cos(theta - theta_0), and rho cos(theta_0) = n_A: theta is theta_0 + arccos(cosine / rho).
+    sine = np.sqrt(_G22 * _G22 + along * along - cosine * cosine)
+    return np.stack([along, (_G22 * cosine - along * sine) / (along * cosine + _G22 * sine)], axis=1)
 
 
 NO_AIM = np.zeros(3)
@@ -95,6 +100,7 @@ class RadialIntervals(NamedTuple):
     counts: np.ndarray  # (n, K) int32: intervals on each line
     starts: np.ndarray  # (n,) int64: first row of each point's intervals, line by line
     intervals: np.ndarray  # (m, 2) float64: keys of start (inf at the zenith) and end, from the zenith down
+    cone: float = 0.0  # lines end where n.w falls to this: at the horizon, or at that of a cone about n
 
 
 @njit(**KERNEL)

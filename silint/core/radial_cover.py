@@ -4,7 +4,8 @@
 
 Every line starts open from the zenith to the horizon. A tree of faces is walked from near to far, and only
 where a line is still open: work goes with what is in front, whatever lies behind it. No contours, no depth
-count, no start: any soup of triangles.
+count, no start: any soup of triangles. And faces that are told apart: those seen from their back may be
+left out, and of every face what is farther than a line reaches, with all boxes beyond that.
 
 An edge has the same sectors and keys, bit for bit, as in `crossings`, from whichever face it is seen. So
 faces hide up to their common edge exactly, nothing shows between them, and what is left does not depend on
@@ -23,7 +24,9 @@ from silint.core.cuts import (
     N_KEYS,
     N_SPANS,
     ROOM,
+    faces_away,
     hide_cuts,
+    keep_near,
     list_cuts,
     list_round_cuts,
     meets_open,
@@ -179,13 +182,22 @@ def _cover(
     n_open,
     tops,
     bottoms,
+    nearness,
+    farthest,
+    one_sided,
     tally,
 ):
-    """Take what the faces hide from the open intervals of a point. False where a line has no room left."""
+    """Take what the faces hide from the open intervals of a point. False where a line has no room left.
+
+    `farthest` is the longest reach of a line, and `nearness` (K,) one over that of each.
+    """
     n_lines = len(n_open)
     stride = len(opened) // n_lines
     n_bundles = len(corners) // CORNER_BLOCK
     rounding = side_rounding(p)
+    limited = farthest < np.inf
+    # Boxes are of float32, with a margin of their own; only the square is rounded here.
+    square = np.float32(min(farthest * farthest * (1.0 + 1e-5), 1e38))
     left = n_lines
     blocks, bundles, crossings = 0, 0, 0
     top = 1 if n_bundles > 0 else 0
@@ -207,6 +219,10 @@ def _cover(
             while mask != 0:
                 i = lowest(mask)
                 mask &= mask - 1
+                f = order[number * WIDTH + i]
+                if one_sided and faces_away(face_planes, planes, plane_errors, f, p, n, rounding):
+                    continue
+                before = n_cuts
                 winding = spans[3 * WIDTH + i]
                 if winding == 0:
                     n_cuts = list_cuts(keys, spans, i, lines, tops, bottoms, cuts, cut_lines, n_cuts)
@@ -217,7 +233,7 @@ def _cover(
                         face_planes,
                         planes,
                         plane_errors,
-                        order[number * WIDTH + i],
+                        f,
                         p,
                         n,
                         frame,
@@ -226,6 +242,22 @@ def _cover(
                         winding,
                         cuts,
                         cut_lines,
+                        n_cuts,
+                    )
+                if limited:
+                    n_cuts = keep_near(
+                        face_planes,
+                        planes,
+                        plane_errors,
+                        f,
+                        p,
+                        frame,
+                        lines,
+                        nearness,
+                        rounding,
+                        cuts,
+                        cut_lines,
+                        before,
                         n_cuts,
                     )
             crossings += int(n_cuts)
@@ -242,6 +274,8 @@ def _cover(
             mask &= mask - 1
             first, count = ranges[i], ranges[WIDTH + i]
             low, high = seen[WIDTH + i], seen[2 * WIDTH + i]
+            if limited and seen[i] > square:
+                continue
             if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
                 continue
             # The nearest on top.
@@ -265,10 +299,24 @@ def _cover(
 
 @njit(**INNER)
 def _cover_points(
-    geometry, bundles, points, normals, frames, lines, horizon, first, last, counts, starts, tally
+    geometry,
+    bundles,
+    points,
+    normals,
+    frames,
+    lines,
+    horizon,
+    reach,
+    one_sided,
+    first,
+    last,
+    counts,
+    starts,
+    tally,
 ):
     """Visible intervals of the points [first, last), in one list."""
     n_lines = len(lines)
+    nearness, farthest = 1.0 / reach, reach.max()
     view = np.empty(N_VIEW, np.float32)
     stack = np.empty((WIDTH * len(bundles.levels), 4), np.int32)
     stack_keys = np.empty((WIDTH * len(bundles.levels), _N_SEEN), np.float32)
@@ -322,6 +370,9 @@ def _cover_points(
                 n_open,
                 tops,
                 bottoms,
+                nearness,
+                farthest,
+                one_sided,
                 tally[i],
             ):
                 break
@@ -349,6 +400,8 @@ def covered_radial_intervals(
     frames,
     lines,
     horizon,
+    reach,
+    one_sided,
     hands,
     per_block,
     counts,
@@ -370,6 +423,10 @@ def covered_radial_intervals(
         Rows T, M, A of each; see `radial.set_frames`.
     lines, horizon : (K, 2), (K,) float64
         See `radial.line_table` and `radial.normal_table`.
+    reach : (K,) float64
+        Nothing blocks a line from this distance on; infinite for no limit. See `caps.reach_table`.
+    one_sided : bool
+        Whether faces seen from their back block nothing.
     hands : int
         The number of threads; nothing but the time depends on it.
     per_block : int
@@ -394,7 +451,20 @@ def covered_radial_intervals(
             continue
         first, last = block * per_block, min((block + 1) * per_block, n)
         found, n_found = _cover_points(
-            geometry, faces, points, normals, frames, lines, horizon, first, last, counts, starts, tally
+            geometry,
+            faces,
+            points,
+            normals,
+            frames,
+            lines,
+            horizon,
+            reach,
+            one_sided,
+            first,
+            last,
+            counts,
+            starts,
+            tally,
         )
         needed[block] = n_found
         if n_found <= intervals.shape[1]:

@@ -10,6 +10,7 @@ from numba import get_num_threads
 from silint.core.arcs import boundary_arcs
 from silint.core.arcs_types import Arcs
 from silint.core.bundles import EdgeBundles
+from silint.core.caps import UNLIMITED, LineLimits, clip_lines, reach_table
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
 from silint.core.face_bundles import FaceBundles, with_corners
@@ -80,13 +81,14 @@ def find_radial(
     capacity: int,
     cover: bool,
     aim: np.ndarray = NO_AIM,
+    limits: LineLimits = UNLIMITED,
 ) -> FoundRadial | int:
     """Visible intervals on radial isolines: sweep, and cover where counts fail; or cover all.
 
     Parameters
     ----------
     bundles : Bundles
-        With corners, if `cover`.
+        With corners, if `cover`; and covered it has to be where limits tell faces apart.
     points, normals : (n, 3) float64
         In scaled units, lifted, in tile order; unit normals.
     per_block : int
@@ -96,6 +98,7 @@ def find_radial(
     aim : (3,) float64
         Direction that a line of each point passes through; see `radial.set_frames`. Integrands have to be
         told, unless they do not look at frames.
+    limits : LineLimits
 
     Returns
     -------
@@ -103,38 +106,45 @@ def find_radial(
     """
     n = len(points)
     lines = line_table(isolines)
-    horizon = np.ascontiguousarray(normal_table(lines)[:, 1])
+    # The sweep looks at all of the hemisphere; covering goes no lower than lines count.
+    horizon = np.ascontiguousarray(normal_table(lines, limits.cone if cover else 0.0)[:, 1])
+    reach = reach_table(limits, isolines)
     frames = np.empty((n, 3, 3))
     set_frames(normals, aim, isolines, frames)
     counts, starts = np.empty((n, isolines), np.int32), np.empty(n, np.int64)
     blocks = -(-n // per_block)
     intervals, needed = np.empty((blocks, capacity, 2)), np.zeros(blocks, np.int64)
     tally = np.zeros((n, N_TALLY), np.int64)
-    given = (
-        points,
-        normals,
-        frames,
-        lines,
-        horizon,
-        get_num_threads(),
-        per_block,
-        counts,
-        starts,
-        intervals,
-        needed,
-        tally,
-    )
+    given = points, normals, frames, lines, horizon
+    blocked = get_num_threads(), per_block, counts, starts, intervals, needed, tally
     if cover:
-        covered_radial_intervals(geometry, bundles.face, *given)
+        covered_radial_intervals(geometry, bundles.face, *given, reach, limits.one_sided, *blocked)
     else:
-        radial_intervals(geometry, *bundles, *given)
+        radial_intervals(geometry, *bundles, *given, *blocked)
     if needed.max(initial=0) > capacity:
         return int(needed.max())
     starts += capacity * (np.arange(n) // per_block)
     found = RadialIntervals(normals, counts, starts, intervals.reshape(-1, 2))
     failed = np.flatnonzero(counts[:, 0] == CONTRADICTED)
-    if not len(failed):
-        return FoundRadial(found, tally.sum(axis=0), 0)
+    if len(failed):
+        found = _repaired(found, failed, geometry, bundles, points, per_block, aim)
+    if limits.cone > 0.0 or limits.ground.any():
+        found = _clipped(found, points, frames, lines, limits)
+    return FoundRadial(found, tally.sum(axis=0), len(failed))
+
+
+def _repaired(
+    found: RadialIntervals,
+    failed: np.ndarray,
+    geometry: Topology,
+    bundles: Bundles,
+    points: np.ndarray,
+    per_block: int,
+    aim: np.ndarray,
+) -> RadialIntervals:
+    """What the sweep found, with some points covered instead."""
+    normals, counts, starts = found.normals, found.counts, found.starts
+    isolines = counts.shape[1]
     whole = bundles if len(bundles.face.corners) else _with_corners(bundles, geometry)
     repaired: FoundRadial | int = 4 * per_block * isolines
     while isinstance(repaired, int):
@@ -144,8 +154,31 @@ def find_radial(
     more = repaired.visible
     counts[failed] = more.counts
     starts[failed] = len(found.intervals) + more.starts
-    joined = found._replace(intervals=np.concatenate([found.intervals, more.intervals]))
-    return FoundRadial(joined, tally.sum(axis=0), len(failed))
+    return found._replace(intervals=np.concatenate([found.intervals, more.intervals]))
+
+
+def _clipped(
+    found: RadialIntervals, points: np.ndarray, frames: np.ndarray, lines: np.ndarray, limits: LineLimits
+) -> RadialIntervals:
+    """What the ground and the cone leave."""
+    counts = found.counts.copy()
+    room = counts.sum(axis=1) + len(lines)
+    starts = np.cumsum(room) - room
+    intervals = np.empty((int(room.sum()), 2))
+    clip_lines(
+        points,
+        frames,
+        lines,
+        np.ascontiguousarray(normal_table(lines, limits.cone)[:, 1]),
+        reach_table(limits, len(lines), of_ground=True),
+        limits.ground,
+        counts,
+        found.starts,
+        found.intervals,
+        starts,
+        intervals,
+    )
+    return RadialIntervals(found.normals, counts, starts, intervals, limits.cone)
 
 
 def _with_corners(bundles: Bundles, geometry: Topology) -> Bundles:

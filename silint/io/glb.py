@@ -23,6 +23,9 @@ _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 _WIDTHS = {name: width for width, name in _TYPES.items()}
 _MAX_BYTES = 2**32 - 1
+_ROUGH = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+# Mip levels between, nothing repeated: what lies at one edge of a bake has nothing to do with the other.
+_SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
 
 
 def glb_bytes(
@@ -31,6 +34,8 @@ def glb_bytes(
     normals: npt.NDArray[np.float64],
     attributes: Mapping[str, npt.NDArray[np.float64]],
     extras: Mapping[str, Any],
+    image: bytes | None = None,
+    material: Mapping[str, Any] | None = None,
 ) -> bytes:
     """One mesh as the bytes of a .glb file.
 
@@ -45,6 +50,10 @@ def glb_bytes(
         By their glTF names; custom ones begin with ``_``.
     extras : mapping
         Metadata of the mesh, as JSON.
+    image : bytes, optional
+        A .png: texture 0, which lookups beyond its edges do not repeat.
+    material : mapping, optional
+        In place of a rough, white, two-sided one; as JSON. Extensions that it names are declared.
 
     Returns
     -------
@@ -92,6 +101,19 @@ def glb_bytes(
     for name, values in attributes.items():
         primitive[name] = add(np.ascontiguousarray(values, dtype="<f4"), _FLOAT, _ARRAY_BUFFER)
 
+    more: dict[str, Any] = {}
+    if image is not None:
+        offset = sum(len(block) for block in blocks)
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(image)})
+        blocks.append(image + b"\0" * (-len(image) % 4))
+        more["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/png"}]
+        more["samplers"] = [_SAMPLER]
+        more["textures"] = [{"source": 0, "sampler": 0}]
+    # glTF's default material is a metal, which shows vertex colours as dark mirrors.
+    shown = dict(material or {"pbrMetallicRoughness": _ROUGH, "doubleSided": True})
+    if "extensions" in shown:
+        more["extensionsUsed"] = sorted(shown["extensions"])
+
     binary = b"".join(blocks)
     document = {
         "asset": {"version": "2.0", "generator": "silint"},
@@ -104,10 +126,8 @@ def glb_bytes(
                 "extras": dict(extras),
             }
         ],
-        # glTF's default material is a metal, which shows vertex colours as dark mirrors.
-        "materials": [
-            {"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}, "doubleSided": True}
-        ],
+        "materials": [shown],
+        **more,
         "buffers": [{"byteLength": len(binary)}],
         "bufferViews": views,
         "accessors": accessors,

@@ -8,19 +8,36 @@ the end of the file instead of from where they stand.
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from silint.validation import InputError
 
-__all__ = ["read_obj"]
+__all__ = ["ObjMesh", "read_obj"]
+
+_NO_NAME = "default"  # what the format calls the group of faces that stand before any
 
 
-def read_obj(
-    data: bytes,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64] | None]:
+class ObjMesh(NamedTuple):
+    """The triangles of a file."""
+
+    vertices: npt.NDArray[np.float64]
+    """(V, 3), a row for each ``v`` line, in their order; where corners share a position but not a normal, a
+    row for each pair of the two, in the order of the positions. Texture coordinates split nothing."""
+    faces: npt.NDArray[np.int64]
+    """(F, 3), polygons as fans from their first corner."""
+    normals: npt.NDArray[np.float64] | None
+    """(V, 3), None unless every corner of every face names one. Zero for vertices that no face uses."""
+    groups: tuple[str, ...]
+    """Names of objects (``o``) or, in a file without any, of groups (``g``), in the order of their first
+    faces; empty where there are neither."""
+    face_groups: npt.NDArray[np.int32] | None
+    """(F,) rows of `groups`, None if that is empty."""
+
+
+def read_obj(data: bytes) -> ObjMesh:
     """The triangles of a Wavefront .obj file.
 
     Parameters
@@ -30,13 +47,7 @@ def read_obj(
 
     Returns
     -------
-    vertices : ndarray, shape (V, 3)
-        One row for each ``v`` line, in their order; where corners share a position but not a normal, one
-        row for each pair of the two, in the order of the positions. Texture coordinates split nothing.
-    faces : ndarray of int64, shape (F, 3)
-        Polygons as fans from their first corner.
-    normals : ndarray, shape (V, 3), or None
-        None unless every corner of every face names one. Zero for vertices that no face uses.
+    ObjMesh
 
     Raises
     ------
@@ -51,6 +62,8 @@ def read_obj(
     directions: list[float] = []
     corners: list[int] = []
     corner_normals: list[int] = []
+    # Where objects and groups begin: how many faces stand before the line, and its name.
+    begun: dict[str, list[tuple[int, str]]] = {"o": [], "g": []}
 
     for number, line in enumerate(text.split("\n"), start=1):
         words = line.split()
@@ -64,6 +77,8 @@ def read_obj(
                 directions += (float(words[1]), float(words[2]), float(words[3]))
             elif kind == "f":
                 _add_polygon(words, len(positions) // 3, len(directions) // 3, corners, corner_normals)
+            elif kind in begun:
+                begun[kind].append((len(corners) // 3, _decoded(" ".join(words[1:])) or _NO_NAME))
         except (ValueError, IndexError):
             _refuse(number, line)
 
@@ -77,11 +92,13 @@ def read_obj(
         bad = int(faces[out_of_range][0])
         named = f"vertex {bad + 1}" if bad >= 0 else "a vertex before the first"
         raise InputError(f"a face names {named}, but there are {len(vertices)} vertices")
+    groups, face_groups = _groups(begun["o"] or begun["g"], len(faces))
     normals = np.array(directions, dtype=np.float64).reshape(-1, 3)
     of_corner = np.array(corner_normals, dtype=np.int64).reshape(-1, 3)
     if (of_corner < 0).any() or (of_corner >= len(normals)).any():
-        return vertices, faces, None  # some corner names no normal, or one that is not there
-    return _split_by_normal(vertices, faces, normals, of_corner)
+        # Some corner names no normal, or one that is not there.
+        return ObjMesh(vertices, faces, None, groups, face_groups)
+    return ObjMesh(*_split_by_normal(vertices, faces, normals, of_corner), groups, face_groups)
 
 
 def _add_polygon(
@@ -105,6 +122,31 @@ def _add_polygon(
     for i in range(1, len(places) - 1):
         corners += (places[0], places[i], places[i + 1])
         corner_normals += (normals[0], normals[i], normals[i + 1])
+
+
+def _groups(
+    begun: list[tuple[int, str]], n_faces: int
+) -> tuple[tuple[str, ...], npt.NDArray[np.int32] | None]:
+    """Names, and the row of its name for each face; a name that comes again goes on with its group."""
+    if not begun:
+        return (), None
+    starts = [0, *(start for start, _ in begun)]
+    names = [_NO_NAME, *(name for _, name in begun)]
+    lengths = np.diff([*starts, n_faces])
+    rows: dict[str, int] = {}
+    row_of_start = [
+        rows.setdefault(name, len(rows)) if length else 0 for name, length in zip(names, lengths, strict=True)
+    ]
+    return tuple(rows), np.repeat(np.array(row_of_start, dtype=np.int32), lengths)
+
+
+def _decoded(name: str) -> str:
+    """A name as UTF-8 if it is that, else as Latin-1."""
+    raw = name.encode("latin-1")
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return name
 
 
 def _split_by_normal(

@@ -41,6 +41,10 @@ class MeshData(NamedTuple):
     """Whether the positions carry float32 precision only."""
     name: str
     """The file's name without folder and suffix."""
+    groups: tuple[str, ...] = ()
+    """Names of the nodes (glTF) or objects (.obj) that the faces belong to; empty in formats without any."""
+    face_groups: npt.NDArray[np.int32] | None = None
+    """(F,) rows of `groups`; None where there are none."""
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
@@ -88,7 +92,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     return data
 
 
-def mesh_data(geometry: Any, name: str = "") -> MeshData:
+def mesh_data(geometry: Any, name: str = "", file_nodes: frozenset[str] | None = None) -> MeshData:
     """The arrays of a `trimesh.Trimesh` or `trimesh.Scene`, flattened as `read_mesh` does.
 
     Parameters
@@ -96,6 +100,9 @@ def mesh_data(geometry: Any, name: str = "") -> MeshData:
     geometry : trimesh.Trimesh or trimesh.Scene
     name : str
         What the result is called.
+    file_nodes : frozenset of str, optional
+        Names of a glTF file's own nodes, beside which trimesh makes one for each part of a mesh that has
+        several materials.
 
     Returns
     -------
@@ -108,30 +115,31 @@ def mesh_data(geometry: Any, name: str = "") -> MeshData:
     """
     import trimesh
 
-    parts: list[tuple[Any, npt.NDArray[np.float64]]]
+    parts: list[tuple[Any, npt.NDArray[np.float64], str]]
     if isinstance(geometry, trimesh.Trimesh):
-        parts = [(geometry, np.eye(4))]
+        parts = [(geometry, np.eye(4), "")]
     elif isinstance(geometry, trimesh.Scene):
         parts = []
         for node in geometry.graph.nodes_geometry:
             transform, key = geometry.graph[node]
-            parts.append((geometry.geometry[key], np.asarray(transform, dtype=np.float64)))
+            group = _file_node(geometry.graph, node, file_nodes)
+            parts.append((geometry.geometry[key], np.asarray(transform, dtype=np.float64), group))
     else:
         raise InputError(f"expected a trimesh.Trimesh or trimesh.Scene, got {type(geometry).__name__}")
-    meshes = [
-        (part, matrix) for part, matrix in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)
-    ]
+    meshes = [part for part in parts if isinstance(part[0], trimesh.Trimesh) and len(part[0].faces)]
     if not meshes:
         found = (
             "only points or lines"
-            if any(len(getattr(part, "vertices", ())) for part, _ in parts)
+            if any(len(getattr(part, "vertices", ())) for part, _, _ in parts)
             else "no geometry"
         )
         raise InputError(f"has no triangles ({found})")
 
     vertices, faces, normals, as_float32 = [], [], [], []
+    rows: dict[str, int] = {}
+    face_groups = []
     offset = 0
-    for mesh, matrix in meshes:
+    for mesh, matrix, group in meshes:
         positions = np.array(mesh.vertices, dtype=np.float64)
         triangles = np.array(mesh.faces, dtype=np.int64)
         # Asked before the transform: turning float32 vertices gives doubles that fill all 53 bits and are
@@ -148,8 +156,10 @@ def mesh_data(geometry: Any, name: str = "") -> MeshData:
                 own = _transformed_normals(own, linear)
         vertices.append(positions)
         faces.append(triangles + offset)
+        face_groups.append(np.full(len(triangles), rows.setdefault(group, len(rows)), dtype=np.int32))
         normals.append(own)
         offset += len(positions)
+    grouped = isinstance(geometry, trimesh.Scene)
     complete = all(own is not None and len(own) == len(p) for own, p in zip(normals, vertices, strict=True))
     return MeshData(
         np.ascontiguousarray(np.concatenate(vertices)),
@@ -159,7 +169,18 @@ def mesh_data(geometry: Any, name: str = "") -> MeshData:
         else None,
         all(as_float32),
         name,
+        groups=tuple(rows) if grouped else (),
+        face_groups=np.concatenate(face_groups) if grouped else None,
     )
+
+
+def _file_node(graph: Any, node: str, file_nodes: frozenset[str] | None) -> str:
+    """The file's node that one of trimesh's nodes stands for."""
+    parent = graph.transforms.parents.get(node)
+    if file_nodes is None or parent is None or node in file_nodes:
+        return node
+    # One of several parts of a mesh: named after its node with six random characters.
+    return parent if node.startswith(f"{parent}_") and len(node) == len(parent) + 7 else node
 
 
 def _checked_path(path: str | os.PathLike[str]) -> Path:
@@ -186,27 +207,49 @@ def _checked_path(path: str | os.PathLike[str]) -> Path:
 
 
 def _from_obj(file: Path) -> MeshData:
-    vertices, faces, normals = read_obj(file.read_bytes())
-    return MeshData(vertices, faces, normals, _is_float32(vertices), file.stem)
+    mesh = read_obj(file.read_bytes())
+    return MeshData(
+        mesh.vertices,
+        mesh.faces,
+        mesh.normals,
+        _is_float32(mesh.vertices),
+        file.stem,
+        groups=mesh.groups,
+        face_groups=mesh.face_groups,
+    )
 
 
 def _from_trimesh(file: Path, suffix: str) -> MeshData:
     import trimesh
 
+    nodes = None
     if suffix == ".stl":
         _check_stl(file)
     elif suffix == ".gltf":
-        json.loads(file.read_bytes())  # trimesh answers broken JSON with a complaint about some other file
+        # trimesh answers broken JSON with a complaint about some other file.
+        nodes = _node_names(file.read_bytes())
     n_polygons = _off_face_count(file) if suffix == ".off" else 0
     # fix_texture would split and reorder a .ply's vertices along the seams of its texture; images are of no
     # use here, and unpacking them costs more than everything else.
     scene = trimesh.load_scene(str(file), process=False, fix_texture=False, skip_materials=True)
     if suffix == ".ply":
         _check_ply(scene)
-    data = mesh_data(scene, file.stem)
+    elif suffix == ".glb":
+        with file.open("rb") as stream:
+            head = stream.read(20)
+            nodes = _node_names(stream.read(int.from_bytes(head[12:16], "little")))
+    data = mesh_data(scene, file.stem, nodes)
+    if suffix not in (".glb", ".gltf"):
+        data = data._replace(groups=(), face_groups=None)
     if suffix == ".off" and len(data.faces) < n_polygons:
         raise InputError(f"announces {n_polygons} faces but has {len(data.faces)} triangles: cut short")
     return data
+
+
+def _node_names(document: bytes) -> frozenset[str]:
+    """Names of the nodes of a glTF file's JSON; without a name, a node's number, as trimesh has it."""
+    nodes = json.loads(document).get("nodes", [])
+    return frozenset(str(node.get("name", i)) for i, node in enumerate(nodes))
 
 
 def _check_stl(file: Path) -> None:

@@ -40,6 +40,7 @@ from silint.validation import (
     normals_array,
     points_array,
     positive_int,
+    positive_number,
     unit_vector,
 )
 
@@ -118,6 +119,7 @@ class EmbreeQMC:
         weighting: str = "cosine",
         scrambles: int = 1,
         progress: Progress | None = None,
+        max_distance: float = np.inf,
     ) -> ReferenceResult:
         """Ambient occlusion (cosine) or the visible fraction of the hemisphere (uniform): 1 open, 0 closed.
 
@@ -135,6 +137,8 @@ class EmbreeQMC:
             Independent repetitions. From two on they give standard errors, from 64 on dependable ones.
         progress : callable, optional
             Called as ``progress(done, total)`` now and then, in rays.
+        max_distance : float
+            Where rays end.
 
         Returns
         -------
@@ -143,7 +147,10 @@ class EmbreeQMC:
         """
         uniform = choice(weighting, "weighting", ("cosine", "uniform")) == "uniform"
         estimator = estimators.OpenShare(uniform)
-        counts, info = self._trace(points, normals, samples, seed, scrambles, estimator, progress)
+        if max_distance != np.inf:
+            max_distance = positive_number(max_distance, "max_distance")
+        traced = self._trace(points, normals, samples, seed, scrambles, estimator, progress, max_distance)
+        counts, info = traced
         return combined(counts / info["samples"], **info)
 
     def sky_view_factor(
@@ -303,11 +310,17 @@ class EmbreeQMC:
         return estimators.Light(kept[3])
 
     def _hits(
-        self, origins: npt.NDArray[np.float32], directions: npt.NDArray[np.float32]
+        self,
+        origins: npt.NDArray[np.float32],
+        directions: npt.NDArray[np.float32],
+        max_distance: float = np.inf,
     ) -> npt.NDArray[Any]:
         """Negative for each ray that meets nothing."""
         if not len(origins):
             return np.empty(0, np.int32)
+        if max_distance < np.inf:
+            ends = np.full(len(origins), max_distance, np.float32)
+            return np.asarray(self._scene.run(origins, directions, dists=ends, query="OCCLUDED"))
         return np.asarray(self._scene.run(origins, directions, query="OCCLUDED"))
 
     def _checked(
@@ -337,6 +350,7 @@ class EmbreeQMC:
         scrambles: int,
         estimator: Estimator,
         progress: Progress | None,
+        max_distance: float = np.inf,
     ) -> tuple[FloatArray, dict[str, Any]]:
         """An estimator's sums per scramble and point, (R, n, ...), and what a result tells of the run."""
         origins, units, samples = self._checked(points, normals, samples, estimator.streams)
@@ -361,7 +375,7 @@ class EmbreeQMC:
             u = slice(b * block, (b + 1) * block)
             samples_of = sets[s][0][u], sets[s][1][u]
             m = estimator.make(kind, origins[part], units[part], samples_of, shifts[s][part], made)
-            hits = self._hits(made.origins[:m], made.directions[:m])
+            hits = self._hits(made.origins[:m], made.directions[:m], max_distance)
             estimator.add(kind, hits, units[part], made, out[s, b, part])
             return (part.stop - i) * block, m
 
@@ -406,6 +420,7 @@ def ambient_occlusion(
     weighting: str = "cosine",
     scrambles: int = 1,
     displace: bool = True,
+    max_distance: float = np.inf,
 ) -> ReferenceResult:
     """Ambient occlusion by Embree QMC, in one call; see `EmbreeQMC.ambient_occlusion`.
 
@@ -414,7 +429,7 @@ def ambient_occlusion(
     scene : Scene
         Anything with `vertices` (V, 3) and `faces` (F, 3).
     points, normals : array_like, shape (n, 3)
-    samples, seed, weighting, scrambles
+    samples, seed, weighting, scrambles, max_distance
         See `EmbreeQMC.ambient_occlusion`.
     displace : bool
         Move the points off the surface first, as far as Embree needs (`embree_points`). Pass False for
@@ -430,7 +445,9 @@ def ambient_occlusion(
     qmc = EmbreeQMC(scene.vertices, scene.faces)
     if displace:
         points = embree_points(scene.vertices, scene.faces, points, normals)
-    return qmc.ambient_occlusion(points, normals, samples, seed, weighting, scrambles)
+    return qmc.ambient_occlusion(
+        points, normals, samples, seed, weighting, scrambles, max_distance=max_distance
+    )
 
 
 def embree_available() -> bool:

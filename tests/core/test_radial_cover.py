@@ -97,8 +97,10 @@ def frames(n: np.ndarray) -> np.ndarray:
 def cover(
     topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, n_lines: int = K, per_block: int = 8
 ) -> Found:
+    reach = np.full(n_lines, np.inf)
+
     def run(*blocks: object) -> None:
-        covered_radial_intervals(topology, faces, p, n, frames(n), *tables(n_lines), 2, *blocks)
+        covered_radial_intervals(topology, faces, p, n, frames(n), *tables(n_lines), reach, False, 2, *blocks)
 
     return gathered(run, len(p), n_lines, per_block)
 

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import base64
+import json
 import logging
 import re
+import struct
 import warnings
 from pathlib import Path
 
@@ -353,3 +356,89 @@ def test_paths_that_lead_to_no_mesh(tmp_path):
     assert "expected a string or a path" in refusal(3)
     assert "no such file" in refusal("zero\0byte.obj")
     assert len(refusal("x" * 5000 + ".obj")) < 200
+
+
+# ------------------------------------------------------------------------------------------------ groups
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("lines", "groups", "of_face"),
+    [
+        ("f 1 2 3\nf 1 2 3\n", (), None),
+        ("o a\nf 1 2 3\no b\nf 1 2 3\nf 1 2 3\n", ("a", "b"), [0, 1, 1]),
+        ("g a\nf 1 2 3\ng b c\nf 1 2 3\n", ("a", "b c"), [0, 1]),
+        # Objects count where there are any, whatever groups they are made of.
+        ("o car\ng wheel\nf 1 2 3\ng body\nf 1 2 3\no road\nf 1 2 3\n", ("car", "road"), [0, 0, 1]),
+        # What stands before the first, a name that comes again, one without faces, and one without a name.
+        ("f 1 2 3\no a\nf 1 2 3\no b\no c\nf 1 2 3\no a\nf 1 2 3\n", ("default", "a", "c"), [0, 1, 2, 1]),
+        ("o\nf 1 2 3\n", ("default",), [0]),
+        # A polygon's triangles stay together.
+        ("v 1 1 0\no a\nf 1 2 4 3\no b\nf 1 2 3\n", ("a", "b"), [0, 0, 1]),
+    ],
+)
+def test_obj_groups(tmp_path, lines, groups, of_face):
+    mesh = read_obj_text(tmp_path, TRIANGLE + lines)
+    assert mesh.groups == groups
+    if of_face is None:
+        assert mesh.face_groups is None
+    else:
+        assert mesh.face_groups.dtype == np.int32 and mesh.face_groups.tolist() == of_face
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_obj_names_may_be_of_any_encoding(tmp_path, encoding):
+    (tmp_path / "a.obj").write_bytes((TRIANGLE + "o Gl\u00fchlampe\nf 1 2 3\n").encode(encoding))
+    assert read_mesh(tmp_path / "a.obj").groups == ("Gl\u00fchlampe",)
+
+
+def gltf_document(nodes: list[dict]) -> dict:
+    """Two meshes, of one triangle and of two, each with a material of its own."""
+    data = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    primitive = {"attributes": {"POSITION": 0}}
+    return {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 36, "uri": uri}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "materials": [{"name": "red"}, {"name": "blue"}],
+        "meshes": [
+            {"primitives": [{**primitive, "material": 0}]},
+            {"primitives": [{**primitive, "material": 0}, {**primitive, "material": 1}]},
+        ],
+        "nodes": nodes,
+        "scenes": [{"nodes": [i for i in range(len(nodes)) if i != 2]}],
+        "scene": 0,
+    }
+
+
+@pytest.mark.parametrize("suffix", [".gltf", ".glb"])
+def test_gltf_nodes_are_groups_whatever_they_are_made_of(tmp_path, suffix):
+    nodes = [
+        {"name": "car", "mesh": 1},
+        {"name": "bike", "mesh": 0, "children": [2]},
+        {"name": "bike_wheels", "mesh": 0},  # a child that is called as trimesh calls parts
+        {"mesh": 0},
+    ]
+    text = json.dumps(gltf_document(nodes)).encode()
+    if suffix == ".glb":
+        text += b" " * (-len(text) % 4)
+        head = struct.pack("<IIIII", 0x46546C67, 2, 20 + len(text), len(text), 0x4E4F534A)
+        text = head + text
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(text)
+    mesh = read_mesh(path)
+    counts = dict(zip(mesh.groups, np.bincount(mesh.face_groups).tolist(), strict=True))
+    assert counts == {"car": 2, "bike": 1, "bike_wheels": 1, "3": 1}
+
+
+def test_other_formats_have_no_groups(tmp_path):
+    for suffix in (".ply", ".stl", ".off"):
+        mesh = read_mesh(written(tmp_path, suffix))
+        assert mesh.groups == () and mesh.face_groups is None
+    box = trimesh.creation.box()
+    assert mesh_data(box).groups == ()
+    scene = trimesh.Scene({"a": box, "b": box})
+    assert len(mesh_data(scene).groups) == 2 and len(mesh_data(scene).face_groups) == 24

@@ -6,8 +6,9 @@ cos(theta) = y s, integrals over theta are algebraic in s and c, but for the ang
 cosine-weighted one, which is there only because A is not quite the normal.
 
 Each value is the visible integral over that of the same lines above the same horizon, times the exact value
-of an open hemisphere: an open sky is exactly open, a closed room exactly closed. The lines are also summed
-in four interleaved groups, whose spread tells how far a group of a quarter of the lines is off.
+of an open hemisphere: an open sky is exactly open, a closed room exactly closed. Where lines end at a cone
+n.w > cosine instead of at the horizon, the open cone takes its place. The lines are also summed in four
+interleaved groups, whose spread tells how far a group of a quarter of the lines is off.
 """
 
 from __future__ import annotations
@@ -198,6 +199,8 @@ def radial_bent(lines, normal, normals, counts, starts, intervals, out):
 def hemisphere_fraction(visible: RadialIntervals, weighting: str) -> tuple[np.ndarray, np.ndarray]:
     """(1/pi) int V max(n.w, 0) dw for "cosine", (1/2pi) int V dw over the hemisphere for "uniform".
 
+    Over a cone, of what an open cone has.
+
     Returns
     -------
     value, error_estimate : (n,) float64
@@ -205,17 +208,21 @@ def hemisphere_fraction(visible: RadialIntervals, weighting: str) -> tuple[np.nd
     lines = line_table(visible.counts.shape[1])
     groups = np.empty((len(visible.counts), GROUPS))
     kind = COSINE if weighting == "cosine" else UNIFORM
-    radial_fraction(normal_table(lines), visible.counts, visible.starts, visible.intervals, kind, groups)
+    table = normal_table(lines, visible.cone)
+    radial_fraction(table, visible.counts, visible.starts, visible.intervals, kind, groups)
     return np.clip(groups.mean(axis=1), 0.0, 1.0), estimate_error(groups)
 
 
 def sky_view_factor(visible: RadialIntervals, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(1/pi) int V max(n.w, 0) [up.w > 0] dw, whose open value is (1 + n.up) / 2."""
+    """(1/pi) int V max(n.w, 0) [up.w > 0] dw, whose open value is (1 + n.up) / 2.
+
+    Over a cone, of what an open cone has: the open value is the cone's share that lies above up's horizon.
+    """
     lines = line_table(visible.counts.shape[1])
     shares = np.empty((len(visible.counts), GROUPS + 1))
     radial_sky(
         lines,
-        normal_table(lines),
+        normal_table(lines, visible.cone),
         visible.normals,
         up,
         visible.counts,
@@ -223,22 +230,43 @@ def sky_view_factor(visible: RadialIntervals, up: np.ndarray) -> tuple[np.ndarra
         visible.intervals,
         shares,
     )
-    open_value = 0.5 * (1.0 + visible.normals @ up)
+    open_value = _open_sky(visible.normals @ up, visible.cone)
     return np.clip(shares[:, GROUPS], 0.0, 1.0) * open_value, estimate_error(shares[:, :GROUPS]) * open_value
 
 
+def _open_sky(cosine: np.ndarray, cone: float) -> np.ndarray:
+    """Share of an open cone's n.w above a second horizon, from the cosine n.up (n,).
+
+    Half the contour integral of sin^2(theta) dphi about n: along the cone's circle, and where it leaves the
+    sky along the great circle of the horizon.
+    """
+    if cone == 0.0:
+        return np.asarray(0.5 * (1.0 + cosine))
+    c = np.clip(cosine, -1.0, 1.0)
+    s = np.sqrt(1.0 - c * c)
+    sine = np.sqrt(1.0 - cone * cone)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.arccos(np.clip(-(cone * c) / (sine * s), -1.0, 1.0))
+        half = np.arccos(np.clip(cone / s, -1.0, 1.0))
+    share = (sine * sine * turn + c * half) / (np.pi * sine * sine)
+    return np.where(s <= cone, c > 0.0, share)
+
+
 def bent_normal(visible: RadialIntervals) -> tuple[np.ndarray, np.ndarray]:
-    """(1/pi) int V max(n.w, 0) w dw: (n, 3), 2/3 n under an open sky; the estimate is that of its length."""
+    """(1/pi) int V max(n.w, 0) w dw: (n, 3), 2/3 n under an open sky; the estimate is that of its length.
+
+    Over a cone it is divided by sin^2 of the cone, which is what an open cone has of (1/pi) n.w.
+    """
     n_lines = visible.counts.shape[1]
     lines = line_table(n_lines)
     sums = np.empty((len(visible.counts), GROUPS + 1, 3))
-    radial_bent(
-        lines, normal_table(lines), visible.normals, visible.counts, visible.starts, visible.intervals, sums
-    )
-    sums *= 2.0 / n_lines  # 2 pi / K a line, over pi
+    table = normal_table(lines, visible.cone)
+    radial_bent(lines, table, visible.normals, visible.counts, visible.starts, visible.intervals, sums)
+    sums *= 2.0 / n_lines / (1.0 - visible.cone * visible.cone)  # 2 pi / K a line, over pi
     # What the lines miss of an open hemisphere is given back in the proportion that is open.
     fraction, _ = hemisphere_fraction(visible, "cosine")
-    missed = (2.0 / 3.0) * visible.normals - sums[:, GROUPS]
+    open_length = (2.0 / 3.0) * (1.0 + visible.cone + visible.cone**2) / (1.0 + visible.cone)
+    missed = open_length * visible.normals - sums[:, GROUPS]
     value = sums[:, :GROUPS].sum(axis=1) + fraction[:, None] * missed
     spread = np.linalg.norm(GROUPS * sums[:, :GROUPS] - value[:, None], axis=2)
     return value, np.minimum(ERROR_OF_SPREAD * np.sqrt((spread**2).mean(axis=1)), 1.0)

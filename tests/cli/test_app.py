@@ -26,7 +26,7 @@ def here(tmp_path, monkeypatch):
 
 
 def run(capfd, *arguments: str) -> tuple[int, str, str]:
-    code = cli._run(list(arguments))
+    code = cli.run(list(arguments))
     out, err = capfd.readouterr()
     return code, out, err
 
@@ -65,7 +65,7 @@ def test_version_and_help(capfd):
 
 def test_help_needs_no_compiler_and_no_mesh_library():
     code = (
-        "import sys; from silint import cli; cli._run(['bake', '--help']); "
+        "import sys; from silint import cli; cli.run(['bake', '--help']); "
         "print(sorted({'numba', 'trimesh', 'scipy', 'matplotlib', 'embreex'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -75,7 +75,8 @@ def test_help_needs_no_compiler_and_no_mesh_library():
 def test_bake_writes_the_file_and_says_so(here, capfd):
     code, out, err = run(capfd, "bake", "box.ply", "-o", "out.npz", "--isolines", "8")
     assert (code, err) == (0, "")
-    assert "ao at 8 vertices" in out and out.splitlines()[-1] == "wrote out.npz"
+    assert "ao at 8 vertices" in out and "integrated 8 points in" in out
+    assert out.splitlines()[-1] == f"wrote out.npz ({os.path.getsize('out.npz'):,} bytes)"
     # At the corner of a convex solid, its mean normal's hemisphere is open.
     assert np.array_equal(read_values("out.npz", "ao"), np.ones(8))
 
@@ -126,6 +127,17 @@ def test_info(here, capfd):
     assert "box.ply: 12 triangles, 8 vertices (float32)" in out
     for word in ("boundary edges", "non manifold edges", "bytes a triangle", "contour hierarchy", "plan"):
         assert word in out
+
+
+def test_info_names_groups(here, capfd):
+    triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    lines = "".join(f"o part{i}\n" + "f 1 2 3\n" * (i + 1) for i in range(10))
+    (here / "parts.obj").write_text(triangle + lines)
+    told = run(capfd, "info", "parts.obj", "--json")[1]
+    assert json.loads(told)["groups"] == {f"part{i}": i + 1 for i in range(10)}
+    assert "groups   part0, part1," in run(capfd, "info", "parts.obj")[1]
+    assert "part7 and 2 more (--json has all)" in run(capfd, "info", "parts.obj")[1]
+    assert "groups" not in run(capfd, "info", "box.ply")[1]
 
 
 # -------------------------------------------------------------------------------------------- bad input
@@ -262,7 +274,7 @@ def test_the_packaged_scene_is_what_its_generator_makes():
 
 
 def test_without_embreex_the_demo_says_so(capsys):
-    cli._print_comparison(None)
+    cli.demo._print_comparison(None)
     assert "embreex is not installed" in capsys.readouterr().out
 
 

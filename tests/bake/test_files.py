@@ -68,7 +68,7 @@ def test_irradiance_is_baked_beside_its_colours(folder, per, suffix):
     out = folder / f"light-{per}{suffix}"
     summary = bake(folder / "scene.obj", out, "irradiance", per, isolines=16, environment=light)
     integrator = silint.SilhouetteIntegrator(folder / "scene.obj")
-    baked, without, _ = bake_scene(integrator, "irradiance", per, 16, environment=light)
+    baked, without, _ = bake_scene(integrator, "irradiance", per, isolines=16, environment=light)
     assert without == 1 and (baked.value[~baked.normals.any(axis=1)] == 0.0).all()
     luminance = baked.value @ LUMINANCE
     assert summary["mean"] == pytest.approx(luminance.mean())

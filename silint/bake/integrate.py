@@ -1,0 +1,145 @@
+"""The values of a bake, past whatever blocks each of its points."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.bake.options import BakeOptions, Progress
+from silint.bake.targets import Sites
+from silint.finder import add_counts
+from silint.integrator import SilhouetteIntegrator
+from silint.scene import Scene
+
+__all__ = ["Integrals", "blocking_scene", "integrate"]
+
+
+class Integrals(NamedTuple):
+    """What was integrated, and what was counted meanwhile."""
+
+    value: npt.NDArray[np.float64]
+    """(n,) or (n, 3), a row for each of the sites; those without a normal see everything (ambient
+    occlusion, sky) or nothing."""
+    diagnostics: dict[str, int]
+    """The sum of all integrators' counts; two-sided points count twice."""
+    build_seconds: float
+    """Of the time, what went into hierarchies."""
+
+
+def integrate(
+    source: SilhouetteIntegrator | Scene,
+    occluders: Sequence[Scene],
+    sites: Sites,
+    asked: BakeOptions,
+    limits: dict[str, Any],
+    progress: Progress | None,
+) -> Integrals:
+    """Integrate at all points that have a normal.
+
+    Parameters
+    ----------
+    source : SilhouetteIntegrator or Scene
+        What the sites are on.
+    occluders : sequence of Scene
+        What blocks besides.
+    sites : Sites
+    asked : BakeOptions
+    limits : dict
+        As queries take them.
+    progress : callable, optional
+
+    Returns
+    -------
+    Integrals
+    """
+    queries: dict[str, tuple[str, dict[str, Any], tuple[int, ...], float]] = {
+        "ao": ("ambient_occlusion", {"weighting": asked.weighting}, (), 1.0),
+        "sky": ("sky_view_factor", {"up": asked.up}, (), 1.0),
+        "bent": ("bent_normals", {}, (3,), 0.0),
+        "irradiance": ("irradiance", {"environment": asked.environment}, (3,), 0.0),
+    }
+    name, options, shape, without_normal = queries[asked.quantity]
+    options |= {"isolines": asked.isolines, "method": asked.method, "tolerance": asked.tolerance}
+    options |= limits
+
+    value = np.full((len(sites.points), *shape), without_normal)
+    sides = (1.0, -1.0) if asked.two_sided else (1.0,)
+    total, done, build_seconds = len(sides) * int(np.count_nonzero(sites.valid)), 0, 0.0
+    counts: dict[str, int] | None = None
+    for part, rows in _parts(source, occluders, sites):
+        began = time.perf_counter()
+        integrator = part if isinstance(part, SilhouetteIntegrator) else SilhouetteIntegrator(part)
+        build_seconds += time.perf_counter() - began
+        found = []
+        for side in sides:
+            result = getattr(integrator, name)(
+                sites.points[rows],
+                side * sites.normals[rows],
+                full_output=True,
+                progress=_share(progress, done, total),
+                **options,
+            )
+            found.append(result.value)
+            done += len(rows)
+            if counts is None:
+                counts = dict(result.diagnostics)
+            else:
+                add_counts(counts, result.diagnostics)
+        value[rows] = found[0] if len(found) == 1 else 0.5 * (found[0] + found[1])
+    assert counts is not None
+    return Integrals(value, counts, build_seconds)
+
+
+def blocking_scene(parts: Sequence[Scene], rows: npt.NDArray[np.int64] | None = None) -> Scene:
+    """One scene of several; of the first some faces only, if `rows` says which.
+
+    It holds nothing but positions and faces: points and normals come from elsewhere. If one of the parts has
+    float32 positions, contact with it is only as good as these.
+    """
+    vertices, faces, offset = [], [], 0
+    for i, part in enumerate(parts):
+        own = part.faces if i or rows is None else part.faces[rows]
+        used, renumbered = np.unique(own, return_inverse=True)
+        vertices.append(part.vertices[used])
+        faces.append(renumbered.reshape(-1, 3) + offset)
+        offset += len(used)
+    scene = Scene(np.concatenate(vertices), np.concatenate(faces), name=parts[0].name)
+    scene.float32_source = any(part.float32_source for part in parts)
+    return scene
+
+
+def _parts(
+    source: SilhouetteIntegrator | Scene, occluders: Sequence[Scene], sites: Sites
+) -> Iterator[tuple[SilhouetteIntegrator | Scene, npt.NDArray[np.int64]]]:
+    """What blocks some of the points, and which; every point once."""
+    scene = source if isinstance(source, Scene) else source.scene
+    valid = np.flatnonzero(sites.valid)
+    if sites.groups is None or scene.face_groups is None:
+        yield blocking_scene([scene, *occluders]) if occluders else source, valid
+        return
+    n_groups = len(scene.groups)
+    faces = _by_group(scene.face_groups, np.arange(scene.n_faces), n_groups)
+    points = _by_group(sites.groups[valid], valid, n_groups)
+    # A mesh of needles has no point at all; one query has to be made all the same, for its counts.
+    for group in [i for i in range(n_groups) if len(points[i])] or [0]:
+        yield blocking_scene([scene, *occluders], faces[group]), points[group]
+
+
+def _by_group(
+    of_row: npt.NDArray[np.int32], rows: npt.NDArray[np.int64], n_groups: int
+) -> list[npt.NDArray[np.int64]]:
+    """The rows of each group, in their order."""
+    order = np.argsort(of_row, kind="stable")
+    ends = np.cumsum(np.bincount(of_row, minlength=n_groups))
+    return np.split(rows[order], ends[:-1])
+
+
+def _share(progress: Progress | None, before: int, total: int) -> Progress | None:
+    """Progress of one query as that of all."""
+    if progress is None:
+        return None
+    return lambda done, _: progress(before + done, total)

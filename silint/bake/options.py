@@ -1,0 +1,185 @@
+"""What can be asked of a bake."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.limits import Limits
+from silint.validation import (
+    InputError,
+    choice,
+    finite_number,
+    positive_int,
+    positive_number,
+    unit_vector,
+)
+
+if TYPE_CHECKING:
+    from silint.environment import Environment
+    from silint.scene import Scene
+
+__all__ = ["NORMALS", "PER", "QUANTITIES", "WEIGHTINGS", "BakeOptions", "Progress"]
+
+QUANTITIES = ("ao", "sky", "bent", "irradiance")
+PER = ("vertex", "face")
+WEIGHTINGS = ("cosine", "uniform")
+NORMALS = ("auto", "file", "smooth", "flat")
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BakeOptions:
+    """The options of `bake` and `bake_scene`, checked when made.
+
+    Parameters
+    ----------
+    quantity : {"ao", "sky", "bent", "irradiance"}
+        Ambient occlusion, sky view factor, or bent normals: 1 = open, 0 = closed. Or what arrives from an
+        environment.
+    per : {"vertex", "face"}
+        At the file's own vertices with their normals, or at the faces' centres.
+    isolines : int, optional
+        Lines for each point, by default 64; the error falls as their number grows.
+    method : {"auto", "octahedral", "radial", "exact"}
+        "exact" integrates along boundary arcs, without lines.
+    weighting : {"cosine", "uniform"}
+        Of ambient occlusion; the other quantities are cosine-weighted by definition.
+    up : array_like, shape (3,)
+        Where the sky is, for "sky", and which way a `ground` looks.
+    tolerance : float, optional
+        In place of isolines: take as many as every point needs to be this accurate.
+    environment : Environment or path, optional
+        For "irradiance": a map (.hdr, .exr, ...), with its +y up.
+    normals : {"auto", "file", "smooth", "flat"}
+        The hemispheres' axes. "file": the file's own. "smooth": angle-weighted means of the faces that meet
+        at a vertex, whatever the file has. "flat": the faces' own; for vertices this splits the mesh, so that
+        every face has its three. "auto": for vertices the file's own or else smooth, for faces flat. Faces
+        with "file" or "smooth" take the mean of their corners'.
+    two_sided : bool
+        Mean of the values for n and for -n: of surfaces that are seen from both sides, such as leaves.
+    occluders : sequence of path, Scene or trimesh object
+        Meshes that block and are not baked: the output does not hold them.
+    self_only : bool
+        Objects do not occlude each other: each group of the file (glTF node, .obj object) is blocked by
+        itself and the occluders alone. A vertex that several groups use becomes one for each.
+    groups : sequence of str
+        Bake these only, and leave the rest of the file out of the output; it blocks all the same, unless
+        `self_only`.
+    max_distance, falloff, spread, backfaces
+        What counts: see `silint.Limits`. Percents are of the diagonal of the mesh file's bounding box,
+        whatever is baked of it and whatever else blocks. Irradiance has no `spread`.
+    ground : float, "auto" or array_like (4,), optional
+        A ground that blocks: its height along `up`, "auto" for that of the lowest vertex of all meshes, or a
+        plane as in `silint.Limits`.
+
+    Raises
+    ------
+    InputError
+        One of them is no good, in one line.
+    """
+
+    quantity: str = "ao"
+    per: str = "vertex"
+    isolines: int | None = None
+    method: str = "auto"
+    weighting: str = "cosine"
+    up: npt.ArrayLike = (0.0, 0.0, 1.0)
+    tolerance: float | None = None
+    environment: Environment | str | os.PathLike[str] | None = None
+    normals: str = "auto"
+    two_sided: bool = False
+    occluders: Sequence[Any] = ()
+    self_only: bool = False
+    groups: Sequence[str] = ()
+    max_distance: float | str | None = None
+    falloff: str = "none"
+    spread: float = 90.0
+    backfaces: str = "block"
+    ground: float | str | npt.ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        choice(self.quantity, "quantity", QUANTITIES)
+        choice(self.per, "per", PER)
+        if self.isolines is not None:
+            positive_int(self.isolines, "isolines")
+        if self.tolerance is not None:
+            positive_number(self.tolerance, "tolerance")
+        from silint.evaluate import METHODS  # and numba with it
+
+        choice(self.method, "method", METHODS)
+        choice(self.weighting, "weighting", WEIGHTINGS)
+        unit_vector(self.up, "up")
+        choice(self.normals, "normals", NORMALS)
+        # One may stand alone. (A string would pass for a sequence of its letters.)
+        for name in ("occluders", "groups"):
+            given = getattr(self, name)
+            alone = given is not None and not isinstance(given, list | tuple | set | frozenset)
+            object.__setattr__(self, name, (given,) if alone else tuple(given or ()))
+        for group in self.groups:
+            if not isinstance(group, str):
+                raise InputError(f"groups holds a {type(group).__name__}; expected names")
+        self._check_limits()
+        if self.quantity == "irradiance" and self.environment is None:
+            raise InputError("quantity 'irradiance' needs an environment: a map (.hdr, .exr), or Environment")
+        if self.quantity != "irradiance" and self.environment is not None:
+            raise InputError(
+                f"environment given; only quantity 'irradiance' has one, this is {self.quantity!r}"
+            )
+
+    def _check_limits(self) -> None:
+        """Before anything is read: any plane may stand for a ground that depends on the scene."""
+        plane = self.ground
+        if isinstance(plane, str | int | float):
+            if isinstance(plane, str) and plane != "auto":
+                raise InputError(f"ground is {plane!r}; expected a height, 'auto', or a plane's four numbers")
+            if not isinstance(plane, str):
+                finite_number(plane, "ground")
+            plane = (0.0, 0.0, 1.0, 0.0)
+        limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, plane)
+        if self.quantity == "irradiance" and limits.spread < 90.0:
+            raise InputError(f"spread is {limits.spread:g}; quantity 'irradiance' has none: leave it out")
+        limits.method_for(self.method, has_exact=self.quantity == "ao", has_spread=True)
+
+    def limits(self, scene: Scene, occluders: Sequence[Scene]) -> dict[str, Any]:
+        """The limits that are given, as queries take them, in the unit of the scene.
+
+        Parameters
+        ----------
+        scene : Scene
+            The whole of what is in the mesh file.
+        occluders : sequence of Scene
+
+        Returns
+        -------
+        dict
+            By the names of `silint.Limits`; empty if there are none.
+        """
+        ground: Any = self.ground
+        if isinstance(ground, str | int | float):
+            up = unit_vector(self.up, "up")
+            if ground == "auto":
+                parts = (scene, *occluders)
+                ground = min(float((part.vertices[np.unique(part.faces)] @ up).min()) for part in parts)
+            ground = (*up, -ground)
+        limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, ground)
+        low, high = scene.bounds
+        found = {name: getattr(limits, name) for name in limits.given}
+        if "max_distance" in found:
+            found["max_distance"] = limits.distance(float(np.linalg.norm(high - low)))
+            found["falloff"] = limits.falloff
+        return found
+
+    def with_light(self) -> BakeOptions:
+        """The same, with the environment read if it is the name of a file."""
+        from silint.environment import Environment
+
+        if self.environment is None or isinstance(self.environment, Environment):
+            return self
+        return replace(self, environment=Environment.from_file(self.environment))

@@ -1,0 +1,7 @@
+"""`python -m silint.cli`: the same as `silint`."""
+
+from __future__ import annotations
+
+from silint.cli.app import main
+
+main()

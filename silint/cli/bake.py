@@ -1,0 +1,221 @@
+"""`silint bake`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from silint.cli.output import (
+    JsonFlag,
+    print_costs,
+    print_files,
+    print_json,
+    print_notes,
+    progress_bar,
+    stage,
+)
+
+__all__ = ["bake_command"]
+
+# Options that do nothing in some of the kinds of bake, and are refused there.
+_OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples")
+_OF_VERTICES = ("per", "normals")
+_NOT_OF_SH = (
+    *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
+    *("occluder", "self_only", "group", "max_distance", "falloff", "spread", "backfaces", "ground"),
+)
+
+
+def bake_command(
+    context: typer.Context,
+    mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb; textures: .png .exr .glb")
+    ],
+    quantity: Annotated[
+        str, typer.Option(help="ao, sky (sky view factor), bent (bent normals), irradiance, or sh (as prt).")
+    ] = "ao",
+    per: Annotated[str, typer.Option(help="vertex or face.")] = "vertex",
+    isolines: Annotated[int | None, typer.Option(help="More are more accurate; 64 by default.")] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="In place of isolines: as many as every point needs.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="auto, radial, octahedral or exact.")] = "auto",
+    weighting: Annotated[str, typer.Option(help="Of ao: cosine or uniform.")] = "cosine",
+    up: Annotated[tuple[float, float, float], typer.Option(help="Of sky and ground.")] = (0.0, 0.0, 1.0),
+    envmap: Annotated[
+        str | None, typer.Option(metavar="MAP", help="Of irradiance: .hdr .exr .png .jpg.")
+    ] = None,
+    envmap_up: Annotated[str, typer.Option(help="Where the map's top goes: y or z.")] = "y",
+    envmap_rotate: Annotated[float, typer.Option(help="Degrees about that axis.")] = 0.0,
+    normals: Annotated[
+        str, typer.Option(help="file, smooth, flat, or auto: the file's or smooth; flat for faces.")
+    ] = "auto",
+    two_sided: Annotated[
+        bool, typer.Option("--two-sided", help="Mean of both sides of the surface, as for leaves.")
+    ] = False,
+    occluder: Annotated[
+        list[str] | None, typer.Option(metavar="FILE", help="Blocks, and is not baked; may be repeated.")
+    ] = None,
+    self_only: Annotated[
+        bool, typer.Option("--self-only", help="Nodes (glTF), objects (.obj) do not block each other.")
+    ] = False,
+    group: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Bake this node or object only; may be repeated.")
+    ] = None,
+    max_distance: Annotated[
+        str | None,
+        typer.Option(metavar="R|P%", help="What is farther does not block: length, or % of diagonal."),
+    ] = None,
+    falloff: Annotated[
+        str, typer.Option(help="Of blocking over max-distance: none, linear or quadratic.")
+    ] = "none",
+    spread: Annotated[float, typer.Option(help="Degrees: the half-angle of the cone that counts.")] = 90.0,
+    backfaces: Annotated[str, typer.Option(help="block or ignore: faces seen from their back.")] = "block",
+    ground: Annotated[
+        str | None,
+        typer.Option(metavar="HEIGHT|auto", help="A plane that blocks, along --up; auto: below all."),
+    ] = None,
+    texture: Annotated[int | None, typer.Option(metavar="N", help="Bake a texture of N x N texels.")] = None,
+    uv: Annotated[
+        str, typer.Option(help="Of textures: file, unwrap, or auto: the file's coordinates where they fit.")
+    ] = "auto",
+    padding: Annotated[
+        int | None, typer.Option(help="Texels around charts to fill; all of them by default.")
+    ] = None,
+    normal_map: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Tangent-space map that turns a texture's normals.")
+    ] = None,
+    space: Annotated[str, typer.Option(help="Of bent normals in textures: tangent or world.")] = "tangent",
+    green: Annotated[
+        str, typer.Option(help="up (OpenGL) or down (DirectX), in tangent space and in --normal-map.")
+    ] = "up",
+    samples: Annotated[int, typer.Option(help="Of texels that hold an edge; others have one.")] = 4,
+    as_json: JsonFlag = False,
+) -> None:
+    """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
+    if texture is None:
+        _refuse(context, _OF_TEXTURES, "needs --texture N")
+    else:
+        _refuse(context, _OF_VERTICES, "is not for --texture")
+    if quantity == "sh":
+        from silint.cli.prt import prt_command
+
+        _refuse(context, _NOT_OF_SH, "is not for quantity 'sh'")
+        prt_command(
+            mesh, output, per=per, isolines=isolines, method=method, weighting=weighting, as_json=as_json
+        )
+        return
+    shared: dict[str, Any] = {
+        "isolines": isolines,
+        "method": method,
+        "weighting": weighting,
+        "up": up,
+        "tolerance": tolerance,
+        "two_sided": two_sided,
+        "occluders": occluder or (),
+        "self_only": self_only,
+        "groups": group or (),
+        "max_distance": max_distance,
+        "falloff": falloff,
+        "spread": spread,
+        "backfaces": backfaces,
+        "ground": _number(ground),
+    }
+    with progress_bar("points") as bar:
+        from silint.environment import Environment
+
+        if envmap is not None:
+            shared["environment"] = Environment.from_file(envmap, envmap_up, envmap_rotate)
+        shared["progress"] = stage(bar, "baking")
+        if texture is None:
+            from silint.bake import bake
+
+            summary = bake(mesh, output, quantity, per, normals=normals, **shared)
+        else:
+            from silint.texture import bake_texture
+
+            summary = bake_texture(
+                mesh,
+                output,
+                texture,
+                quantity,
+                uv=uv,
+                padding=padding,
+                normal_map=normal_map,
+                space=space,
+                green=green,
+                samples=samples,
+                **shared,
+            )
+    if as_json:
+        print_json(summary)
+    else:
+        _print_summary(summary)
+
+
+def _print_summary(summary: dict[str, Any]) -> None:
+    quantity, per = summary["quantity"], summary.get("per", "texel")
+    sites = {"vertex": "vertices", "face": "faces", "texel": "texels"}[per]
+    n_sites = summary["texels"]["covered"] if per == "texel" else summary["n_points"]
+    meaning = "luminance of radiance x sr" if quantity == "irradiance" else "1 is open, 0 is closed"
+    print(
+        f"{quantity} at {n_sites:,} {sites}: mean {summary['mean']:.4f}, "
+        f"from {summary['min']:.4f} to {summary['max']:.4f}; {meaning}"
+    )
+    if per == "texel":
+        _print_texture_notes(summary)
+    else:
+        if summary["without_normal"]:
+            told = "1" if quantity in ("ao", "sky") else "0"
+            print(f"{summary['without_normal']:,} {sites} have no normal and got {told}")
+        if summary["computed_normals"]:
+            print(f"{summary['computed_normals']:,} vertices have no normal in the file and got a smooth one")
+        if summary["split_vertices"]:
+            print(f"{summary['split_vertices']:,} vertices are new, where faces or groups shared one")
+    print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
+    print_costs(summary)
+    print_files(summary["files"])
+
+
+def _print_texture_notes(summary: dict[str, Any]) -> None:
+    texels, seams = summary["texels"], summary["seams"]
+    print(
+        f"{summary['size']} x {summary['size']} texels in {summary['n_charts']:,} charts, "
+        f"{texels['mixed']:,} of them on edges with several points each"
+    )
+    if "uv_reason" in summary:
+        print(f"unwrapped anew: {summary['uv_reason']}")
+    told = {
+        "overlapping texels belong to more than one face": texels["overlapping"],
+        "texels are read beside two charts at once, which are closer than 2 texels": texels["shared"],
+        "faces have no area, in space or in the texture, and no texels": summary["faces_without_area"],
+        "normals of the map looked below the surface and were turned": summary["turned_normals"],
+    }
+    for meaning, count in told.items():
+        if count:
+            print(f"{count:,} {meaning}")
+    if "largest_jump_before" in seams:
+        print(
+            f"across seams at most {seams['largest_jump_before']:.1e} apart, "
+            f"after they were made to agree {seams['largest_jump_after']:.1e}"
+        )
+
+
+def _number(text: str | None) -> float | str | None:
+    """A number as such, and anything else for others to judge."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
+
+
+def _refuse(context: typer.Context, names: tuple[str, ...], why: str) -> None:
+    """Options that would do nothing are mistakes."""
+    from silint.validation import InputError
+
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise InputError(f"--{name.replace('_', '-')} {why}")

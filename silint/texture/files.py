@@ -1,0 +1,179 @@
+"""Textures to files.
+
+==========  ========================================================================================
+``.png``    8 bits. ao and sky: grey, the value itself (no sRGB curve). bent: the unit direction d as
+            (d + 1) / 2, as normal maps have it. irradiance: `TONE_CURVE`, sRGB-encoded
+``.exr``    float32, the values themselves: channel Y for ao and sky, R G B for the rest (bent normals
+            keep their length), and ``coverage``: 1 where a texel has a value of its own, 0 in padding
+``.glb``    the mesh with its texture coordinates, and the picture of ``.png`` inside: ao and sky as
+            ``occlusionTexture`` (its red channel) of a white material, the rest as ``baseColorTexture``
+            of an unlit one, so that viewers show the colours themselves
+==========  ========================================================================================
+
+The metadata stands in the text chunk or attribute ``silint``, in .glb in the mesh's ``extras``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.io import LUMINANCE, write_bytes
+from silint.io.glb import glb_bytes
+from silint.validation import InputError
+
+__all__ = ["SUFFIXES", "Corners", "check_packages", "picture", "write_texture"]
+
+FloatArray = npt.NDArray[np.float64]
+
+SUFFIXES = (".png", ".exr", ".glb")
+
+
+class Corners(NamedTuple):
+    """A mesh by the corners of its faces."""
+
+    positions: FloatArray
+    """(F, 3, 3)"""
+    vertices: npt.NDArray[np.int64]
+    """(F, 3) rows of the file's vertices."""
+    normals: FloatArray
+    """(F, 3, 3)"""
+    uvs: FloatArray
+    """(F, 3, 2), v upwards"""
+
+
+def check_packages(suffix: str) -> None:
+    """One line, before anything is computed, if a package for such files is missing."""
+    if suffix == ".exr":
+        try:
+            import OpenEXR  # noqa: F401
+        except ImportError:
+            raise InputError(
+                "writing .exr needs the OpenEXR package: pip install 'silint[exr]', or write .png"
+            ) from None
+
+
+def picture(quantity: str, values: FloatArray, mean: float) -> npt.NDArray[np.uint8]:
+    """What 8 bits show (see the module's head).
+
+    Parameters
+    ----------
+    quantity : {"ao", "sky", "bent", "irradiance"}
+    values : (H, W, C) float64
+        C is 1 or 3.
+    mean : float
+        Mean luminance of the covered texels, for irradiance.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
+    """
+    if quantity == "bent":
+        length = np.linalg.norm(values, axis=2, keepdims=True)
+        shown = 0.5 + 0.5 * np.divide(values, length, out=np.zeros_like(values), where=length > 0.0)
+    elif quantity == "irradiance":
+        linear = -np.expm1(-values / mean) if mean > 0.0 else np.zeros_like(values)
+        shown = np.where(
+            linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+        )
+    else:
+        shown = values[..., 0]
+    eight_bit: npt.NDArray[np.uint8] = np.rint(255.0 * np.clip(shown, 0.0, 1.0)).astype(np.uint8)
+    return eight_bit
+
+
+def write_texture(
+    target: Path,
+    quantity: str,
+    values: FloatArray,
+    coverage: npt.NDArray[np.bool_],
+    mesh: Corners,
+    metadata: dict[str, Any],
+) -> None:
+    """Write a texture in the format that the suffix names.
+
+    Parameters
+    ----------
+    target : pathlib.Path
+    quantity : str
+    values : (H, W, C) float64
+        The top row first.
+    coverage : (H, W) bool
+    mesh : Corners
+        For .glb.
+    metadata : dict
+        Anything that JSON can hold.
+
+    Raises
+    ------
+    InputError
+        The file system refuses, or the mesh does not fit the format.
+    """
+    suffix = target.suffix.lower()
+    if suffix == ".exr":
+        write_bytes(target, _exr_bytes(values, coverage, metadata))
+        return
+    mean = float((values[coverage] @ LUMINANCE).mean()) if quantity == "irradiance" else 1.0
+    png = _png_bytes(picture(quantity, values, mean), metadata)
+    write_bytes(target, png if suffix == ".png" else _glb_bytes(quantity, png, mesh, metadata))
+
+
+def _png_bytes(pixels: npt.NDArray[np.uint8], metadata: dict[str, Any]) -> bytes:
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    info = PngInfo()
+    info.add_text("silint", json.dumps(metadata))
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "png", pnginfo=info)
+    return buffer.getvalue()
+
+
+def _exr_bytes(values: FloatArray, coverage: npt.NDArray[np.bool_], metadata: dict[str, Any]) -> bytes:
+    import OpenEXR
+
+    names = ("Y",) if values.shape[2] == 1 else ("R", "G", "B")
+    channels = {name: np.ascontiguousarray(values[..., i], np.float32) for i, name in enumerate(names)}
+    channels["coverage"] = coverage.astype(np.float32)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "silint": json.dumps(metadata),
+    }
+    # The package writes to paths only.
+    with tempfile.TemporaryDirectory(prefix="silint-exr-") as folder:
+        path = os.path.join(folder, "texture.exr")
+        with OpenEXR.File(header, channels) as file:
+            file.write(path)
+        return Path(path).read_bytes()
+
+
+def _glb_bytes(quantity: str, png: bytes, mesh: Corners, metadata: dict[str, Any]) -> bytes:
+    rows = np.concatenate(
+        [mesh.vertices.reshape(-1, 1), mesh.uvs.reshape(-1, 2), mesh.normals.reshape(-1, 3)], axis=1
+    )
+    _, first, faces = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    uvs = mesh.uvs.reshape(-1, 2)[first] * (1.0, -1.0) + (0.0, 1.0)  # glTF's v points down
+    rough: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+    material: dict[str, Any] = {"pbrMetallicRoughness": rough, "doubleSided": True}
+    if quantity in ("ao", "sky"):
+        material["occlusionTexture"] = {"index": 0}
+    else:
+        rough["baseColorTexture"] = {"index": 0}
+        material["extensions"] = {"KHR_materials_unlit": {}}
+    return glb_bytes(
+        mesh.positions.reshape(-1, 3)[first],
+        faces.reshape(-1, 3),
+        mesh.normals.reshape(-1, 3)[first],
+        {"TEXCOORD_0": uvs},
+        metadata,
+        image=png,
+        material=material,
+    )

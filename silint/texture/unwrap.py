@@ -1,0 +1,83 @@
+"""Texture coordinates for meshes that have none, by xatlas.
+
+xatlas is compiled code that ends its whole process on a mesh that it does not like, so it has one of its own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from silint.validation import InputError
+
+__all__ = ["unwrap"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def unwrap(vertices: FloatArray, faces: npt.NDArray[np.int64], size: int) -> FloatArray:
+    """Charts that do not overlap, packed into the unit square.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        Welded by position: edges between vertices that merely coincide would become seams.
+    faces : (F, 3) int
+    size : int
+        Side of the texture in texels, which sets the room between charts: about 4 texels, so that no
+        bilinear lookup reads two charts, and less below 64.
+
+    Returns
+    -------
+    (F, 3, 2) float64
+        v upwards, no chart mirrored. Faces that xatlas leaves out (zero area, duplicates) have all corners in
+        one point.
+
+    Raises
+    ------
+    InputError
+        xatlas is not installed, or fails.
+    """
+    if importlib.util.find_spec("xatlas") is None:
+        raise InputError(
+            "unwrapping needs the package xatlas: pip install 'silint[texture]', or bring texture coordinates"
+        )
+    # float32 and absolute thresholds inside: a mesh of unit size loses nothing.
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    scale = float(np.abs(vertices - middle).max()) or 1.0
+    with tempfile.TemporaryDirectory(prefix="silint-unwrap-") as folder:
+        source, target = (os.path.join(folder, name) for name in ("mesh.npz", "atlas.npz"))
+        np.savez(
+            source,
+            positions=((vertices - middle) / scale).astype(np.float32),
+            faces=faces.astype(np.uint32),
+            resolution=size,
+            padding=min(4, max(1, size // 16)),
+        )
+        worker = Path(__file__).with_name("xatlas_worker.py")
+        done = subprocess.run(
+            [sys.executable, str(worker), source, target], capture_output=True, text=True, errors="replace"
+        )
+        if done.returncode != 0 or not os.path.exists(target):
+            lines = done.stderr.strip().splitlines()
+            signal = f"signal {-done.returncode}" if done.returncode < 0 else f"code {done.returncode}"
+            reason = lines[-1][:80] if lines and done.returncode > 0 else signal
+            raise InputError(f"xatlas could not unwrap the mesh ({reason}); bring texture coordinates")
+        with np.load(target) as data:
+            corners, uvs, extent = data["faces"], data["uvs"].astype(np.float64), data["extent"]
+            pages = int(data["pages"])
+    if pages > 1 or corners.shape != faces.shape or not extent.all():
+        raise InputError(
+            f"xatlas made {pages} pages of {len(corners)} triangles; expected one of {len(faces)}"
+        )
+    # In texels of a square: the page need not be one, and its coordinates are in its own sides.
+    placed = uvs * (extent / extent.max())
+    out: FloatArray = np.clip(placed[corners], 0.0, 1.0)
+    return out

@@ -1,0 +1,25 @@
+"""Run as a script: unwrap the mesh of one .npz into another with xatlas, which may end its process."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+if __name__ == "__main__":
+    import xatlas
+
+    source, target = sys.argv[1:]
+    with np.load(source) as data:
+        atlas = xatlas.Atlas()
+        atlas.add_mesh(data["positions"], data["faces"])
+        options = xatlas.PackOptions()
+        options.resolution = int(data["resolution"])
+        options.padding = int(data["padding"])
+        options.bilinear = True
+        options.rotate_charts = False  # its quarter turns are reflections, which tangent space would show
+        atlas.generate(pack_options=options)
+    _, faces, uvs = atlas[0]
+    np.savez(
+        target, faces=faces, uvs=uvs, extent=np.array([atlas.width, atlas.height]), pages=atlas.atlas_count
+    )

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from silint import InputError
+from silint.texture.unwrap import unwrap
+
+BALL = trimesh.creation.icosphere(2)
+
+
+def refused(**options) -> str:
+    with pytest.raises(InputError) as caught:
+        unwrap(BALL.vertices, BALL.faces, 64, **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-9, 1e12])
+def test_charts_keep_shapes_and_gaps(scale):
+    pytest.importorskip("xatlas")
+    size = 128
+    uvs = unwrap(scale * BALL.vertices + scale, BALL.faces, size)
+    assert uvs.shape == (len(BALL.faces), 3, 2) and uvs.min() >= 0.0 and uvs.max() <= 1.0
+    d1, d2 = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
+    area = 0.5 * (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])
+    assert (area > 0.0).all() and 0.3 < area.sum() < 1.0  # v upwards: none is mirrored
+    stretch = area / BALL.area_faces
+    assert stretch.max() < 4.0 * stretch.min()
+    assert np.array_equal(uvs, unwrap(scale * BALL.vertices + scale, BALL.faces, size))
+
+
+def test_a_missing_package_is_one_line(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install 'silint[texture]'" in refused()
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("import os; os.abort()", "signal 6"),
+        ("raise SystemExit(3)", "code 3"),
+        ("raise ValueError('of no use')", "ValueError: of no use"),
+        ("pass", "code 0"),  # ended well, and wrote nothing
+    ],
+)
+def test_a_crash_is_one_line(monkeypatch, code, words):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    run = subprocess.run
+
+    def crash(command, **options):
+        return run([sys.executable, "-c", code], **options)
+
+    monkeypatch.setattr("silint.texture.unwrap.subprocess.run", crash)
+    message = refused()
+    assert words in message and "bring texture coordinates" in message
