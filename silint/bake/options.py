@@ -115,7 +115,7 @@ class BakeOptions:
 
         choice(self.method, "method", METHODS)
         choice(self.weighting, "weighting", WEIGHTINGS)
-        unit_vector(self.up, "up")
+        self._check_unused()
         choice(self.normals, "normals", NORMALS)
         # One may stand alone. (A string would pass for a sequence of its letters.)
         for name in ("occluders", "groups"):
@@ -132,6 +132,16 @@ class BakeOptions:
             raise InputError(
                 f"environment given; only quantity 'irradiance' has one, this is {self.quantity!r}"
             )
+
+    def _check_unused(self) -> None:
+        """Refuse what would do nothing."""
+        if self.weighting != "cosine" and self.quantity != "ao":
+            raise InputError(
+                f"weighting {self.weighting!r} given; only quantity 'ao' has one, this is {self.quantity!r}"
+            )
+        turned = not np.array_equal(unit_vector(self.up, "up"), [0.0, 0.0, 1.0])
+        if turned and self.quantity != "sky" and not isinstance(self.ground, str | int | float):
+            raise InputError("up given; only quantity 'sky' and a ground given by its height have one")
 
     def _check_limits(self) -> None:
         """Before anything is read: any plane may stand for a ground that depends on the scene."""

@@ -375,6 +375,8 @@ def test_limits_of_other_quantities(here):
         ({"max_distance": 0.0}, "max_distance is 0.0"),
         ({"falloff": "linear"}, "falloff is 'linear' without max_distance"),
         ({"spread": 91.0}, "spread is 91.0"),
+        ({"quantity": "bent", "weighting": "uniform"}, "weighting 'uniform' given; only quantity 'ao'"),
+        ({"up": (0, 1, 0)}, "up given; only quantity 'sky'"),
         ({"quantity": "irradiance", "environment": "none.hdr", "spread": 45}, "'irradiance' has none"),
         ({"backfaces": "cull"}, "backfaces is 'cull'"),
         ({"ground": "low"}, "ground is 'low'; expected a height, 'auto', or a plane's four numbers"),
