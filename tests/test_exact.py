@@ -17,7 +17,7 @@ from hypothesis import assume, given, settings
 from scenes import polyhedra
 from scenes.clutter import clutter
 from scenes.foliage import foliage
-from scenes.mesh import concatenate
+from scenes.mesh import boxes, concatenate
 from silint import Scene, SilhouetteIntegrator
 from silint.reference.analytic_scenes import AnalyticScene, analytic_scenes
 from silint.validation import InputError
@@ -362,6 +362,26 @@ def test_larger_scenes(name: str) -> None:
         rtol=0,
         atol=EXACT,
     )
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("crossed", [False, True])
+def test_edges_that_pass_through_the_point(axis: int, crossed: bool) -> None:
+    """Two boxes share an edge that a point lies on, with its normal along it: seen half a turn long, at once.
+
+    Nudges off both cancel. The point is pushed into one of the quadrants by the rule for sides.
+    """
+    quadrants = ((0, 1), (1, 0)) if crossed else ((0, 0), (1, 1))
+    corners = [np.insert(np.array(q, float) - 1.0, axis, 0.0) for q in quadrants]
+    mesh = boxes(corners, np.array(corners) + 1.0)
+    points = np.insert(np.zeros((4, 2)), axis, [0.25, 0.25, 0.5, 0.7], axis=1)
+    normals = np.outer([-1.0, 1.0, 1.0, 1.0], np.eye(3)[axis])
+    built = SilhouetteIntegrator(Scene(*mesh))
+    found = built.ambient_occlusion(points, normals, method="exact", full_output=True)
+    assert found.diagnostics["uncertified_points"] == 0
+    lines = built.ambient_occlusion(points, normals, 1024)
+    np.testing.assert_allclose(found.value, lines, rtol=0, atol=1e-5)
+    assert set(np.round(found.value, 13)) <= {0.0, 0.25}
 
 
 def test_it_takes_no_lines() -> None:

@@ -13,7 +13,7 @@ from numba import njit
 
 from silint.core.jit import INNER
 from silint.core.lanes import WIDTH
-from silint.core.radial import AT_POINT, azimuth
+from silint.core.radial import AT_POINT, azimuth, in_frame
 
 # An edge of the sweep: unit normal, start and end; where the visible arc began that is being followed; what
 # cot(theta) stays between; and +-1 where it has no slope.
@@ -35,6 +35,9 @@ _HEIGHT, N_LANE_FIELDS = 27, 29
 _NARROW = 1e-6
 # Half a turn within this is told by the sign of N_A.
 _HALF_TURN = 1e-9
+# Sine below which an edge passes through the shade point; square of what a unit vector has across an edge
+# below which it counts as along it.
+_THROUGH, _ALONG_NORMAL = 4e-16, 1e-30
 
 _UW = np.uint64(WIDTH)
 _U = tuple(np.uint64(i * WIDTH) for i in range(N_LANE_FIELDS))
@@ -45,12 +48,77 @@ _U = tuple(np.uint64(i * WIDTH) for i in range(N_LANE_FIELDS))
 
 
 @njit(**INNER)
+def half_turn(key_a, key_b):
+    """Whether azimuths alone do not tell which way an arc between them runs."""
+    return abs(abs(key_b - key_a) - np.pi) < _HALF_TURN
+
+
+@njit(**INNER)
 def turns_left(key_a, key_b, turn):
     """Whether an arc from a to b, shorter than pi, runs towards rising azimuth."""
     d = key_b - key_a
-    if abs(abs(d) - np.pi) < _HALF_TURN:
+    if half_turn(key_a, key_b):
         return turn > 0.0
     return 0.0 <= d < np.pi or d < -np.pi
+
+
+@njit(**INNER)
+def passes_through(ax, ay, az, ex, ey, ez, n):
+    """Where an edge that passes through the shade point is seen midway: (0, 0, 0) for all others.
+
+    The point is thought to be pushed along its normal, then along x and y, as `contour.plane_side` decides
+    the sides of faces; the edge passes on the other side.
+
+    Parameters
+    ----------
+    ax, ay, az : float
+        One end from the shade point.
+    ex, ey, ez : float
+        From there to the other end.
+    """
+    square = ex * ex + ey * ey + ez * ez
+    x, y, z = ay * ez - az * ey, az * ex - ax * ez, ax * ey - ay * ex
+    between = -(ax * ex + ay * ey + az * ez)
+    off = x * x + y * y + z * z > _THROUGH * _THROUGH * square * (ax * ax + ay * ay + az * az)
+    if off or between <= 0.0 or between >= square:
+        return 0.0, 0.0, 0.0
+    s = 1.0 / np.sqrt(square)
+    ex, ey, ez = s * ex, s * ey, s * ez
+    along = n[0] * ex + n[1] * ey + n[2] * ez
+    x, y, z = along * ex - n[0], along * ey - n[1], along * ez - n[2]
+    if x * x + y * y + z * z < _ALONG_NORMAL:
+        x, y, z = ex * ex - 1.0, ex * ey, ex * ez
+        if x * x + y * y + z * z < _ALONG_NORMAL:
+            x, y, z = ey * ex, ey * ey - 1.0, ey * ez
+    return x, y, z
+
+
+@njit(**INNER)
+def _bend(lanes, i, frame, n):
+    """Let lane i, whose ends are seen half a turn apart, pass where `passes_through` says."""
+    ax, ay, az = lanes[i], lanes[i + WIDTH], lanes[i + 2 * WIDTH]
+    bx, by, bz = lanes[i + _B * WIDTH], lanes[i + (_B + 1) * WIDTH], lanes[i + (_B + 2) * WIDTH]
+    ex, ey, ez = lanes[i + _E * WIDTH], lanes[i + (_E + 1) * WIDTH], lanes[i + (_E + 2) * WIDTH]
+    dx, dy, dz = passes_through(ax, ay, az, ex, ey, ez, n)
+    if dx == 0.0 and dy == 0.0 and dz == 0.0:
+        return
+    x, y, z = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+    nt, nm, turn = in_frame(x, y, z, frame)
+    s = 1.0 / np.sqrt(nt * nt + nm * nm + turn * turn)
+    for axis, v in ((0, nt), (1, nm), (2, turn)):
+        lanes[(_N + axis) * WIDTH + i] = s * v
+    lanes[_CIRCLE * WIDTH + i], lanes[(_CIRCLE + 1) * WIDTH + i] = -nt / turn, -nm / turn
+    lanes[_TURN * WIDTH + i] = turn
+    # From the upper end to the horizon.
+    a_up, b_up = lanes[_HEIGHT * WIDTH + i], lanes[(_HEIGHT + 1) * WIDTH + i]
+    k = (n[0] * dx + n[1] * dy + n[2] * dz) / max(a_up, b_up)
+    ux, uy, uz = (ax, ay, az) if a_up > b_up else (bx, by, bz)
+    t, m, a = in_frame(dx - k * ux, dy - k * uy, dz - k * uz, frame)
+    s = 1.0 / np.sqrt(t * t + m * m + a * a)
+    out, which = (_BC, 1) if a_up > b_up else (_AC, 0)
+    lanes[out * WIDTH + i], lanes[(out + 1) * WIDTH + i], lanes[(out + 2) * WIDTH + i] = s * t, s * m, s * a
+    lanes[(_KEY + which) * WIDTH + i] = azimuth(t, m)
+    lanes[(_COT + which) * WIDTH + i] = a / np.sqrt(t * t + m * m)
 
 
 @njit(**INNER)
@@ -132,6 +200,8 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, circ
         for i in range(number):
             e = first + i
             a, b, jump = contours[e, 0], contours[e, 1], contours[e, 2]
+            if half_turn(lanes[_WHOLE * WIDTH + i], lanes[(_WHOLE + 1) * WIDTH + i]):
+                _bend(lanes, i, frame, n)
             key_a, key_b = lanes[_KEY * WIDTH + i], lanes[(_KEY + 1) * WIDTH + i]
             whole_a, whole_b = lanes[_WHOLE * WIDTH + i], lanes[(_WHOLE + 1) * WIDTH + i]
             tie_a = a if lanes[_HEIGHT * WIDTH + i] > 0.0 else n_vertices + e

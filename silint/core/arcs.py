@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.along import N_AXIS, faces_along, set_axis
-from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, turns_left
+from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, half_turn, passes_through, turns_left
 from silint.core.arrangement import new_sweep, sweep_arcs
 from silint.core.boundary import place_arcs
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
@@ -69,9 +69,9 @@ def axis_count(vertices, faces, face_planes, planes, plane_errors, face_ids, n_a
         ):
             continue
         key_a, key_b, key_c = azimuth(at, am), azimuth(bt, bm), azimuth(ct, cm)
-        winding = _passes_start(vertices, a, b, at, am, bt, bm, key_a, key_b, frame)
-        winding += _passes_start(vertices, b, c, bt, bm, ct, cm, key_b, key_c, frame)
-        winding += _passes_start(vertices, c, a, ct, cm, at, am, key_c, key_a, frame)
+        winding = _passes_start(vertices, a, b, at, am, bt, bm, key_a, key_b, p, n, frame)
+        winding += _passes_start(vertices, b, c, bt, bm, ct, cm, key_b, key_c, p, n, frame)
+        winding += _passes_start(vertices, c, a, ct, cm, at, am, key_c, key_a, p, n, frame)
         if winding == 0:
             continue
         code = face_planes[f]
@@ -82,22 +82,29 @@ def axis_count(vertices, faces, face_planes, planes, plane_errors, face_ids, n_a
 
 
 @njit(**INNER)
-def _passes_start(vertices, a, b, at, am, bt, bm, key_a, key_b, frame):
+def _passes_start(vertices, a, b, at, am, bt, bm, key_a, key_b, p, n, frame):
     """+1 where the arc from a to b passes azimuth 0 to the left, -1 to the right, else 0."""
     if a > b:
-        return -_passes_start_up(vertices, b, a, bt, bm, key_b, key_a, frame)
-    return _passes_start_up(vertices, a, b, at, am, key_a, key_b, frame)
+        return -_passes_start_up(vertices, b, a, bt, bm, key_b, key_a, p, n, frame)
+    return _passes_start_up(vertices, a, b, at, am, key_a, key_b, p, n, frame)
 
 
 @njit(**INNER)
-def _passes_start_up(vertices, a, b, at, am, key_a, key_b, frame):
-    et, em, _ = in_frame(
+def _passes_start_up(vertices, a, b, at, am, key_a, key_b, p, n, frame):
+    ex, ey, ez = (
         vertices[b, 0] - vertices[a, 0],
         vertices[b, 1] - vertices[a, 1],
         vertices[b, 2] - vertices[a, 2],
-        frame,
     )
-    if turns_left(key_a, key_b, at * em - am * et):
+    et, em, _ = in_frame(ex, ey, ez, frame)
+    turn = at * em - am * et
+    if half_turn(key_a, key_b):
+        x, y, z = vertices[a, 0] - p[0], vertices[a, 1] - p[1], vertices[a, 2] - p[2]
+        x, y, z = passes_through(x, y, z, ex, ey, ez, n)
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            dt, dm, _ = in_frame(x, y, z, frame)
+            turn = at * dm - am * dt
+    if turns_left(key_a, key_b, turn):
         return 1 if key_b < key_a else 0
     return -1 if key_a < key_b else 0
 
