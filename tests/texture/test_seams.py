@@ -17,7 +17,8 @@ def folded_strip():
 
 def layout(size):
     charts, uvs = folded_strip()
-    texels = find_texels(uvs, charts, np.tile([0.0, 0.0, 1.0], (2, 1)), size, 1)
+    flat, positions = np.tile([0.0, 0.0, 1.0], (2, 1)), np.pad(uvs, ((0, 0), (0, 0), (0, 1)))
+    texels = find_texels(uvs, positions, charts, flat, size, 1)
     rows = np.full(size * size, -1)
     rows[texels.texel] = np.arange(len(texels.texel))
     return charts, texels, seam_lookups(charts.seams, rows, size)
