@@ -115,23 +115,42 @@ def cover(corners, first, last, owner, distance, held):
                     owner[row, column], distance[row, column] = f, d
 
 
+@njit(**INNER)
+def _apart(corners, places, f, g, x, y):
+    """Distance in space between the points of two triangles that are nearest to a place of the texture."""
+    p, q = corners[f], corners[g]
+    a, b, c, _ = _nearest(p[0, 0], p[0, 1], p[1, 0], p[1, 1], p[2, 0], p[2, 1], x, y)
+    i, j, k, _ = _nearest(q[0, 0], q[0, 1], q[1, 0], q[1, 1], q[2, 0], q[2, 1], x, y)
+    square = 0.0
+    for axis in range(3):
+        d = a * places[f, 0, axis] + b * places[f, 1, axis] + c * places[f, 2, axis]
+        d -= i * places[g, 0, axis] + j * places[g, 1, axis] + k * places[g, 2, axis]
+        square += d * d
+    return np.sqrt(square)
+
+
 @njit(**KERNEL)
-def mark(corners, chart, normals, cosine, first, last, owner, distance, mixed, shared):
-    """Find texels that need several samples, and those that charts compete for.
+def mark(corners, places, reach, chart, normals, cosine, first, last, owner, mixed, shared):
+    """Find texels that need several samples, and those that several parts of the mesh compete for.
 
     Parameters
     ----------
     corners : (F, 3, 2) float64
+    places : (F, 3, 3) float64
+        The corners in space.
+    reach : (F,) float64
+        How far apart in space two points of a face's neighbourhood can be that are in one footprint.
     chart : (F,) int32
     normals : (F, 3) float64
         Unit normals of the faces, or zero.
     cosine : float
         Faces that meet one texel at an angle of a smaller cosine make it a mixed one.
     first, last : int
-    owner, distance : (size, size)
+    owner : (size, size) int32
         What `cover` has found.
     mixed, shared : (size, size) bool, in and out
-        Shared: the footprint meets a chart that the texel does not belong to.
+        Shared: the footprint meets a chart that the texel does not belong to, or, across a narrow slit, a
+        part of its own that is somewhere else on the mesh.
     """
     size = len(owner)
     for f in range(first, last):
@@ -144,7 +163,7 @@ def mark(corners, chart, normals, cosine, first, last, owner, distance, mixed, s
                 x, y = column + 0.5, row + 0.5
                 if f == g or g < 0 or not _meets(ax, ay, bx, by, cx, cy, x, y, 1.0):
                     continue
-                if chart[f] != chart[g]:
+                if chart[f] != chart[g] or _apart(corners, places, f, g, x, y) > max(reach[f], reach[g]):
                     shared[row, column] = True
                 elif _meets(ax, ay, bx, by, cx, cy, x, y, 0.5):
                     n, m = normals[f], normals[g]

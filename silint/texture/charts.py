@@ -25,6 +25,10 @@ _BEYOND = 1e-5
 # Normals closer than this are one: corners with such are smooth, and faces flat.
 _SAME_NORMAL = np.cos(np.radians(1.0))
 
+# Folds sharper than this many degrees are hard edges, even where a file gives both sides one normal: what
+# they see has little in common.
+_FOLD = 60.0
+
 
 class Seams(NamedTuple):
     """Seams across which the surface is smooth, so that both sides have to look alike."""
@@ -144,6 +148,7 @@ def charts_of(
     a, b = a[~same], b[~same]
     n = normals[face[:, None], ends]
     smooth = ((n[a] * n[b]).sum(axis=2) > _SAME_NORMAL).all(axis=1)
+    smooth &= (flat[face[a]] * flat[face[b]]).sum(axis=1) > np.cos(np.radians(_FOLD))
     across = np.full((len(uvs), 3), -1, np.int32)
     a, b = a[smooth], b[smooth]
     across[face[a], start[a]], across[face[b], start[b]] = face[b], face[a]

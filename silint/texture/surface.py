@@ -105,7 +105,8 @@ def _laid_out(
         raise InputError(f"its texture coordinates have no area for {100.0 * lost:.3g} % of the surface")
     charts = charts_of(uvs, welded, normals, flat, wanted & in_texture & in_space)
 
-    texels = across_seams(find_texels(uvs, charts, flat, size, samples), charts, positions, uvs, size)
+    texels = find_texels(uvs, positions, charts, flat, size, samples)
+    texels = across_seams(texels, charts, positions, uvs, size)
     if texels.overlapping > _MOST_OVERLAP * texels.inside:
         share = 100.0 * texels.overlapping / texels.inside
         raise InputError(f"{share:.3g} % of the texels in its charts belong to two or more faces")

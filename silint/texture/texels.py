@@ -31,6 +31,8 @@ MAX_SAMPLES = 64
 
 # Texels off the edge, for points on it; see `uv_cover.locate`.
 _INSET = 0.05
+# Texels, with room for what the stretch of neighbours adds to the 2.8 of a footprint's diagonal.
+_REACH = 5.0
 # Tests in one call into a kernel: some tenths of a second, so that Ctrl-C is heard.
 _TESTS = 4_000_000
 
@@ -59,7 +61,8 @@ class Texels(NamedTuple):
     mixed: int
     """Those with several samples."""
     shared: int
-    """Covered texels whose footprint meets a second chart: lookups near it read the wrong one."""
+    """Covered texels whose footprint meets a second chart, or its own beyond a slit: of the lookups that read
+    them, some want another place."""
 
     def means(self, values: FloatArray) -> FloatArray:
         """Values (T, C) of texels from those of samples (m, C)."""
@@ -67,13 +70,16 @@ class Texels(NamedTuple):
         return np.asarray(sums / np.diff(self.offsets)[:, None])
 
 
-def find_texels(uvs: FloatArray, charts: Charts, flat: FloatArray, size: int, samples: int) -> Texels:
+def find_texels(
+    uvs: FloatArray, positions: FloatArray, charts: Charts, flat: FloatArray, size: int, samples: int
+) -> Texels:
     """The covered texels of a texture.
 
     Parameters
     ----------
     uvs : (F, 3, 2) float64
         In the unit square, v upwards.
+    positions : (F, 3, 3) float64
     charts : Charts
         Faces without a chart are left out.
     flat : (F, 3) float64
@@ -98,9 +104,10 @@ def find_texels(uvs: FloatArray, charts: Charts, flat: FloatArray, size: int, sa
 
     mixed, shared = np.zeros(shape, bool), np.zeros(shape, bool)
     cosine = float(np.cos(np.radians(BEND)))
-    normals = np.ascontiguousarray(flat[used])
+    normals, places = np.ascontiguousarray(flat[used]), np.ascontiguousarray(positions[used])
+    reach = _REACH * _stretch(corners, places)
     for first, last in _parts(corners):
-        uv_cover.mark(corners, chart, normals, cosine, first, last, owner, distance, mixed, shared)
+        uv_cover.mark(corners, places, reach, chart, normals, cosine, first, last, owner, mixed, shared)
     ends = np.stack([charts.borders[:, 1], (charts.borders[:, 1] + 1) % 3], axis=1)
     segments = np.ascontiguousarray(_in_texels(uvs[charts.borders[:, :1], ends], size))
     border_chart = charts.of_face[charts.borders[:, 0]]
@@ -238,6 +245,18 @@ def sample_offsets(n: int) -> FloatArray:
     places = np.stack([(i + 0.5) / n, down], axis=1)
     centred: FloatArray = places - places.mean(axis=0)
     return centred
+
+
+def _stretch(corners: FloatArray, places: FloatArray) -> FloatArray:
+    """(F,) the largest length in space of a texel along the edges and heights of triangles."""
+    length = [np.linalg.norm(np.roll(a, -1, axis=1) - a, axis=2) for a in (corners, places)]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    area_in_space = np.linalg.norm(np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]), axis=1)
+    along = np.divide(length[1], length[0], out=np.zeros_like(length[0]), where=length[0] > 0.0)
+    height = [np.divide(s, x.max(axis=1)) for s, x in ((area, length[0]), (area_in_space, length[1]))]
+    across = np.divide(height[1], height[0], out=np.zeros_like(area), where=height[0] > 0.0)
+    return np.asarray(np.maximum(along.max(axis=1), across))
 
 
 def _in_texels(uvs: FloatArray, size: int) -> FloatArray:

@@ -17,7 +17,8 @@ def folded_strip():
 
 def layout(size):
     charts, uvs = folded_strip()
-    texels = find_texels(uvs, charts, np.tile([0.0, 0.0, 1.0], (2, 1)), size, 1)
+    flat, positions = np.tile([0.0, 0.0, 1.0], (2, 1)), np.pad(uvs, ((0, 0), (0, 0), (0, 1)))
+    texels = find_texels(uvs, positions, charts, flat, size, 1)
     rows = np.full(size * size, -1)
     rows[texels.texel] = np.arange(len(texels.texel))
     return charts, texels, seam_lookups(charts.seams, rows, size)
@@ -36,8 +37,13 @@ def test_hard_edges_are_no_seams():
     uvs = folded_strip()[1]
     normals = np.tile([0.0, 0.0, 1.0], (2, 3, 1))
     normals[1] = (0.0, 0.6, 0.8)
-    charts = charts_of(uvs, np.array([[0, 1, 2], [1, 3, 2]]), normals, normals[:, 0], np.ones(2, bool))
-    assert len(charts.seams.left) == 0 and charts.seams.n_sharp == 1 and (charts.across == -1).all()
+    same = np.tile([0.0, 0.0, 1.0], (2, 3, 1))
+    for bend, of_corners, sharp in ((0.0, normals, 1), (59.0, same, 0), (61.0, same, 1)):
+        angle = np.radians(bend)
+        flat = np.array([[0.0, 0.0, 1.0], [0.0, np.sin(angle), np.cos(angle)]])
+        charts = charts_of(uvs, np.array([[0, 1, 2], [1, 3, 2]]), of_corners, flat, np.ones(2, bool))
+        assert len(charts.seams.left) == 1 - sharp and charts.seams.n_sharp == sharp
+        assert (charts.across == -1).all() == bool(sharp)
 
 
 def test_lookups_are_bilinear():

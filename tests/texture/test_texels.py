@@ -10,6 +10,10 @@ from silint.texture.charts import charts_of
 from silint.texture.texels import find_texels, sample_offsets
 
 
+def in_space(uvs):
+    return np.pad(uvs, ((0, 0), (0, 0), (0, 1)))
+
+
 def covered(uvs, size, samples=1, flat=None):
     """Texels of faces that share no edge: each is a chart."""
     n = len(uvs)
@@ -17,7 +21,7 @@ def covered(uvs, size, samples=1, flat=None):
     normals = np.tile([0.0, 0.0, 1.0], (n, 3, 1))
     flat = np.tile([0.0, 0.0, 1.0], (n, 1)) if flat is None else flat
     charts = charts_of(uvs, welded, normals, flat, np.ones(n, bool))
-    return find_texels(uvs, charts, flat, size, samples)
+    return find_texels(uvs, in_space(uvs), charts, flat, size, samples)
 
 
 def nearest_by_sampling(triangle, x, y, n=400):
@@ -91,6 +95,36 @@ def test_overlaps_and_near_charts_are_counted():
     assert covered(near, 32).shared > 10
 
 
+def strip(uvs_of, n=12):
+    """A straight strip of n squares in space; its texture coordinates by a function of their (x, y)."""
+    i = np.arange(n)
+    vertices = np.array([(x, y, 0.0) for x in range(n + 1) for y in range(2)])
+    faces = np.concatenate([np.c_[2 * i, 2 * i + 2, 2 * i + 3], np.c_[2 * i, 2 * i + 3, 2 * i + 1]])
+    uvs = np.array([uvs_of(x, y) for x, y, _ in vertices])[faces]
+    flat = np.tile([0.0, 0.0, 1.0], (len(faces), 1))
+    normals = np.repeat(flat[:, None], 3, axis=1)
+    charts = charts_of(uvs, faces, normals, flat, np.ones(len(faces), bool))
+    assert charts.n_charts == 1
+    return find_texels(uvs, vertices[faces], charts, flat, 64, 1)
+
+
+def test_a_slit_within_a_chart_is_counted():
+    """A strip bent into a ring that does not quite close: its ends, far apart in space, are neighbours."""
+
+    def ring(gap):
+        def place(x, y):
+            angle = gap / 0.35 + (2 * np.pi - 2 * gap / 0.35) * x / 12
+            radius = 0.45 - 0.18 * y
+            return 0.5 + radius * np.cos(angle), 0.5 - radius * np.sin(angle)
+
+        return place
+
+    assert strip(lambda x, y: (0.05 + 0.9 * x / 12, 0.4 + 0.075 * y)).shared == 0
+    assert strip(ring(4.0 / 64)).shared == 0
+    # About 12 texels long, 2 or 3 wide.
+    assert 12 <= strip(ring(0.5 / 64)).shared <= 60
+
+
 def test_texels_that_hold_an_edge_have_several_samples():
     # A fold along u = 0.5: of the texels in the middle, those in the two columns beside it if it is sharp.
     uvs = np.array([[[0.0, 0.0], [0.52, 0.0], [0.52, 1.0]], [[0.52, 0.0], [1.0, 0.5], [0.52, 1.0]]])
@@ -102,10 +136,10 @@ def test_texels_that_hold_an_edge_have_several_samples():
         flat = np.array([[0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)]])
         charts = charts_of(uvs, welded, normals, flat, np.ones(2, bool))
         assert charts.n_charts == 1 and len(charts.borders) == 4
-        texels = find_texels(uvs, charts, flat, 32, 4)
+        texels = find_texels(uvs, in_space(uvs), charts, flat, 32, 4)
         assert (np.diff(texels.offsets) == 4).sum() == texels.mixed
         counts.append(texels.mixed)
-        one = find_texels(uvs, charts, flat, 32, 1)
+        one = find_texels(uvs, in_space(uvs), charts, flat, 32, 1)
         assert one.mixed == 0 and np.array_equal(one.texel, texels.texel)
     assert counts[0] == counts[1] and counts[2] - counts[0] == pytest.approx(30, abs=3)
 
