@@ -93,6 +93,8 @@ CASES = {
     "near in a cone": LineLimits(reach=0.4, cone=0.9),
     "ground": LineLimits(ground=TILTED),
     "near ground": LineLimits(ground=TILTED, ground_reach=0.4),
+    # Seen between what lies on either side of it.
+    "ground in the middle": LineLimits(ground=np.array([0.6, 0.0, 0.8, 0.7]), ground_reach=0.6),
     "all": LineLimits(0.5, LINEAR, True, 0.3, TILTED),
 }
 
