@@ -52,6 +52,9 @@ _TILED_POINTS = 1 << 17
 _PER_BLOCK = 8 * TILE
 _ARCS_PER_BLOCK = 2 * TILE
 
+# Distances for which is kept whether they are covered; each takes a probe to find out again.
+_KEPT_CHOICES = 64
+
 _FALLOFFS = {"none": NO_FALLOFF, "linear": LINEAR, "quadratic": QUADRATIC}
 
 
@@ -69,6 +72,7 @@ class VisibleFinder:
                 used = np.zeros((1, 3))
             self._box = used.min(axis=0), used.max(axis=0)
         self._cover: bool | None = None
+        self._covers_near: dict[tuple[float, int], bool] = {}
         self._arc_capacity = _ARCS_PER_BLOCK * 256  # arcs for which a block has room
 
     @property
@@ -103,6 +107,17 @@ class VisibleFinder:
                 self.bundles = self.bundles._replace(face=face)
         return found
 
+    def _covers(self, limits: LineLimits) -> bool:
+        """`cover` where only what is near counts."""
+        wanted = limits.reach, limits.falloff
+        with KERNEL_LOCK:
+            if wanted not in self._covers_near:
+                if len(self._covers_near) >= _KEPT_CHOICES:
+                    self._covers_near.clear()
+                near = LineLimits(*wanted)
+                self._covers_near[wanted] = prefers_cover(self.geometry, self.bundles, near)[0]
+            return self._covers_near[wanted]
+
     def _ways(
         self, p: FloatArray, limits: LineLimits
     ) -> list[tuple[npt.NDArray[np.int64], bool, LineLimits]]:
@@ -111,8 +126,10 @@ class VisibleFinder:
         Points from which the scene ends within the distance are served as without one: to the same bits.
         """
         rows = np.arange(len(p))
-        if limits.reach == np.inf or limits.falloff != NO_FALLOFF:
-            return [(rows, limits.by_faces or self.cover, limits)]
+        if limits.reach == np.inf:
+            return [(rows, limits.one_sided or self.cover, limits)]
+        if limits.falloff != NO_FALLOFF:
+            return [(rows, limits.one_sided or self._covers(limits), limits)]
         low, high = self._box
         farthest = np.maximum(np.abs(p - low), np.abs(p - high))
         beyond = (farthest * farthest).sum(axis=1) <= limits.reach * limits.reach
@@ -121,7 +138,7 @@ class VisibleFinder:
         if beyond.any():
             ways.append((rows[beyond], limits.one_sided or self.cover, unlimited))
         if not beyond.all():
-            ways.append((rows[~beyond], True, limits))
+            ways.append((rows[~beyond], limits.one_sided or self._covers(limits), limits))
         return ways
 
     def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

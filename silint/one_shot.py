@@ -31,7 +31,7 @@ def ambient_occlusion(
         By default every vertex of the file in order, with the file's normals or else angle-weighted ones;
         vertices without a normal (no face uses them) get 1 and are counted as ``without_normal``.
     **options
-        Of `SilhouetteIntegrator.ambient_occlusion`.
+        Of `SilhouetteIntegrator.ambient_occlusion`, `max_distance` and the other limits among them.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from silint.core.jit import KERNEL, PARALLEL
+from silint.core.jit import INNER, KERNEL, PARALLEL
 from silint.core.radial import in_frame
 
 # How far below the ground, relative to the larger of the scene and the point's distance from the origin, a
@@ -77,6 +77,37 @@ def cap_on_line(a, t, q):
     high = (a * q + t * g) / start if start > 0.0 else np.inf
     low = (a * q - t * g) / end if end > 0.0 else -np.inf
     return high, low
+
+
+@njit(**INNER)
+def crosses_near(a, e, c, s, reach):
+    """Whether the edge from a to a + e, in the frame, crosses the half-plane of a line within a distance.
+
+    From the edge and the line alone: all faces of an edge agree.
+    """
+    x = (s * a[0] - c * a[1]) / (c * e[1] - s * e[0])
+    # Along the half-plane it may be anything, or NaN; but it has to lie on the edge.
+    x = x if x > 0.0 else 0.0
+    x = x if x < 1.0 else 1.0
+    t, m, z = a[0] + x * e[0], a[1] + x * e[1], a[2] + x * e[2]
+    return t * t + m * m + z * z < reach * reach
+
+
+@njit(**INNER)
+def plane_towards(face_planes, planes, f, p, frame):
+    """Distance of a face's plane, and the unit normal towards it in the frame."""
+    code = face_planes[f]
+    k = max(code, ~code)
+    x, y, z = planes[k, 0], planes[k, 1], planes[k, 2]
+    height = x * p[0] + y * p[1] + z * p[2] + planes[k, 3]
+    t, m, a = in_frame(x, y, z, frame)
+    return (height, (-t, -m, -a)) if height > 0.0 else (-height, (t, m, a))
+
+
+@njit(**INNER)
+def meets_axis_near(height, along, reach):
+    """Whether a plane at this distance, with its normal along the axis by so much, meets the axis near."""
+    return height < along * reach
 
 
 @njit(**PARALLEL)

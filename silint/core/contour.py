@@ -13,8 +13,8 @@ from numba import njit
 from silint.core.jit import INNER, KERNEL
 from silint.core.topology import ULP
 
-# What a shade point's search counts.
-NODES, EDGES, CONTOURS, CROSSINGS, SNAPPED, N_TALLY = 0, 1, 2, 3, 4, 5
+# What a shade point's search counts; SPHERE is the work at the end of a distance.
+NODES, EDGES, CONTOURS, CROSSINGS, SNAPPED, SPHERE, N_TALLY = 0, 1, 2, 3, 4, 5, 6
 
 
 @njit(**KERNEL)

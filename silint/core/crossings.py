@@ -11,10 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from silint.core.caps import crosses_near
 from silint.core.contour import CONTOURS, SNAPPED, edge_jump
 from silint.core.jit import INNER
 from silint.core.lanes import WIDTH
-from silint.core.radial import AT_POINT, azimuth
+from silint.core.radial import AT_POINT, azimuth, in_frame
 
 # Fields of 16 lanes: the ends from the shade point, the edge, and what comes of them: A and B of the key.
 N_LANE_FIELDS = 11
@@ -139,6 +140,8 @@ def cross_edges(
     frame,
     lines,
     horizon,
+    reach,
+    limited,
     rounding,
     lanes,
     spans,
@@ -154,6 +157,8 @@ def cross_edges(
     ----------
     horizon : (K,) float64
         Key of the horizon on each line.
+    reach : (K,) float64
+        What lies farther on a line does not count, if `limited`.
     lanes, spans : (N_LANE_FIELDS * 16,) float64, (N_SPAN_FIELDS * 16,) int32
         Scratch.
     count : (K,) int32
@@ -195,9 +200,13 @@ def cross_edges(
             contours += 1
             along, across = lanes[9 * WIDTH + i], lanes[10 * WIDTH + i]
             k = spans[WIDTH + i]
+            start = in_frame(lanes[i], lanes[WIDTH + i], lanes[2 * WIDTH + i], frame)
+            chord = in_frame(lanes[6 * WIDTH + i], lanes[7 * WIDTH + i], lanes[8 * WIDTH + i], frame)
             for _ in range(steps):
                 y = along * lines[k, 0] + across * lines[k, 1]
-                if y > horizon[k]:
+                if y > horizon[k] and (
+                    not limited or crosses_near(start, chord, lines[k, 0], lines[k, 1], reach[k])
+                ):
                     c = count[k]
                     if c == capacity:
                         return False

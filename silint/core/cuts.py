@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from silint.core.caps import cap_on_line
+from silint.core.caps import cap_on_line, plane_towards
 from silint.core.contour import plane_side
 from silint.core.face_bundles import CORNER_BLOCK
-from silint.core.jit import INNER
+from silint.core.jit import FILTER, INNER
 from silint.core.lanes import WIDTH
 from silint.core.radial import (
     AT_POINT,
@@ -264,32 +264,77 @@ def faces_away(face_planes, planes, plane_errors, f, p, n, rounding):
     return (plane_side(planes, k, plane_errors[k] + rounding, p, n) > 0) != (code >= 0)
 
 
+@njit(**FILTER)
+def farthest_corners(corners, bundle, x, y, z, farthest):
+    """Squared distance from a point of the farthest corner of each of 16 faces, to rounding."""
+    base = np.uint64(bundle) * np.uint64(CORNER_BLOCK)
+    for i in range(_UW):
+        j = base + i
+        ax, ay, az = corners[j] - x, corners[j + _U1] - y, corners[j + _U2] - z
+        bx, by, bz = corners[j + _U3] - x, corners[j + _U4] - y, corners[j + _U5] - z
+        cx, cy, cz = corners[j + _U6] - x, corners[j + _U7] - y, corners[j + _U8] - z
+        a, b, c = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, cx * cx + cy * cy + cz * cz
+        a = b if b > a else a
+        farthest[i] = c if c > a else a
+
+
 @njit(**INNER)
 def keep_near(
-    face_planes, planes, plane_errors, f, p, frame, lines, nearness, rounding, cuts, cut_lines, first, end
+    face_planes,
+    planes,
+    plane_errors,
+    f,
+    p,
+    frame,
+    lines,
+    reach,
+    farthest,
+    rounding,
+    cuts,
+    cut_lines,
+    first,
+    end,
 ):
-    """Narrow the cuts [first, end) of a face to where its plane is near; returns where they end now.
+    """Narrow the cuts [first, end) of a face to where it is within the reach (K,) of their lines.
 
-    `nearness` (K,) is 1 / R of each line.
+    `farthest` is the squared distance of its farthest corner. Returns where the cuts end now.
     """
+    farthest *= 1.0 + 1e-9
+    within = True
+    for c in range(first, end):
+        r = reach[cut_lines[c]]
+        within = within and farthest < r * r
+    if within:
+        return end
+    height, (t, m, a) = plane_towards(face_planes, planes, f, p, frame)
     code = face_planes[f]
-    k = max(code, ~code)
-    x, y, z = planes[k, 0], planes[k, 1], planes[k, 2]
-    height = x * p[0] + y * p[1] + z * p[2] + planes[k, 3]
-    if abs(height) <= plane_errors[k] + rounding:
+    if height <= plane_errors[max(code, ~code)] + rounding:
         return end  # seen from its edge, if at all
-    t, m, a = in_frame(x, y, z, frame)
-    sign = -1.0 if height > 0.0 else 1.0
-    t, m, a, height = sign * t, sign * m, sign * a, abs(height)
     n_cuts = first
     for c in range(first, end):
         line = cut_lines[c]
-        high, low = cap_on_line(a, t * lines[line, 0] + m * lines[line, 1], height * nearness[line])
-        high, low = min(cuts[2 * c], high), max(cuts[2 * c + 1], low)
+        high, low = cuts[2 * c], cuts[2 * c + 1]
+        r = reach[line]
+        if farthest >= r * r:
+            start, stop = cap_on_line(a, t * lines[line, 0] + m * lines[line, 1], height / r)
+            high, low = min(high, start), max(low, stop)
         cut_lines[n_cuts] = line
         cuts[2 * n_cuts], cuts[2 * n_cuts + 1] = high, low
         n_cuts += int(low < high)
     return n_cuts
+
+
+@njit(**INNER)
+def comes_near(square, squares, first, count):
+    """True where something at this squared distance is within the reach of one of `count` lines.
+
+    `squares` (K,) are those of the reaches, float32 and rounded up.
+    """
+    n_lines = len(squares)
+    for i in range(first, first + count):
+        if square < squares[i if i < n_lines else i - n_lines]:
+            return True
+    return False
 
 
 @njit(**INNER)

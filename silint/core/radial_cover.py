@@ -18,13 +18,15 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.buffers import grow_rows
-from silint.core.contour import CROSSINGS, EDGES, NODES, side_rounding
+from silint.core.contour import CROSSINGS, EDGES, NODES, SPHERE, side_rounding
 from silint.core.cuts import (
     FULL,
     N_KEYS,
     N_SPANS,
     ROOM,
+    comes_near,
     faces_away,
+    farthest_corners,
     hide_cuts,
     keep_near,
     list_cuts,
@@ -32,126 +34,10 @@ from silint.core.cuts import (
     meets_open,
     project_faces,
 )
-from silint.core.face_bundles import BLOCK, CENTRE, CORNER_BLOCK, HALF
-from silint.core.jit import FILTER, INNER, PARALLEL
+from silint.core.face_bundles import CORNER_BLOCK
+from silint.core.face_view import N_SEEN, N_VIEW, box_mask, set_view
+from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH, lowest
-from silint.core.radial import (
-    ROUGHNESS,
-    rough_azimuth,
-)
-
-# What the box filter reads: p, n, T, M, A, slack, lines a radian.
-B_POINT, B_NORMAL, B_T, B_M, B_AXIS, B_SLACK, B_PER_RADIAN, N_VIEW = 0, 3, 6, 9, 12, 15, 16, 17
-
-# float32 keeps sums of a few products of numbers below 1 to well within this.
-_SLACK = 2.0**-19
-# Bounds of keys are off by this, relative to 1 + |key|.
-_KEY_ERROR = 1e-5
-
-# Where boxes are seen: squared distance, lowest and highest key.
-_N_SEEN = 3
-_F = np.float32
-_ZERO, _ONE, _HALF_LINE = _F(0.0), _F(1.0), _F(0.5)
-_TINY = _F(1e-30)
-
-_UW = np.uint64(WIDTH)
-_U1, _U2 = np.uint64(WIDTH), np.uint64(2 * WIDTH)
-_CX, _CY, _CZ = (np.uint64((CENTRE + i) * WIDTH) for i in range(3))
-_HX, _HY, _HZ = (np.uint64((HALF + i) * WIDTH) for i in range(3))
-
-
-@njit(**INNER)
-def set_view(p, n, frame, n_lines, view):
-    """Write what `box_mask` reads."""
-    for i in range(3):
-        view[B_POINT + i], view[B_NORMAL + i] = p[i], n[i]
-        view[B_T + i], view[B_M + i], view[B_AXIS + i] = frame[0, i], frame[1, i], frame[2, i]
-    view[B_SLACK] = _SLACK * max(1.0, abs(p[0]), abs(p[1]), abs(p[2]))
-    view[B_PER_RADIAN] = n_lines / (2.0 * np.pi)
-
-
-@njit(**FILTER)
-def box_mask(nodes, block, view, n_lines, seen, ranges):
-    """Lanes of a block of boxes that reach a line above the horizon.
-
-    Writes to `seen` (3 * 16,) squared distance, lowest and highest key, and to `ranges` (2 * 16,) int32 the
-    first line and the number of lines.
-    """
-    base = np.uint64(block) * np.uint64(BLOCK)
-    px, py, pz = view[0], view[1], view[2]
-    nx, ny, nz = view[3], view[4], view[5]
-    tx, ty, tz = view[6], view[7], view[8]
-    mx, my, mz = view[9], view[10], view[11]
-    ax, ay, az = view[12], view[13], view[14]
-    slack, per_radian = view[15], view[16]
-    lines = np.int32(n_lines)
-    none = np.int32(0)
-    wrong = _F(ROUGHNESS) * per_radian + _F(1e-3)
-    mask = np.uint32(0)
-    for i in range(_UW):
-        j = base + i
-        x, y, z = nodes[j + _CX] - px, nodes[j + _CY] - py, nodes[j + _CZ] - pz
-        hx, hy, hz = nodes[j + _HX] + slack, nodes[j + _HY] + slack, nodes[j + _HZ] + slack
-        drop = nx * x + ny * y + nz * z + abs(nx) * hx + abs(ny) * hy + abs(nz) * hz < _ZERO
-        drop = drop | (hx < _ZERO)
-
-        # The box along its own azimuth, across it, and along the axis.
-        t, m, a = tx * x + ty * y + tz * z, mx * x + my * y + mz * z, ax * x + ay * y + az * z
-        rho = np.sqrt(t * t + m * m)
-        ct, cm = t / (rho + _TINY), m / (rho + _TINY)
-        along = abs(ct * tx + cm * mx) * hx + abs(ct * ty + cm * my) * hy + abs(ct * tz + cm * mz) * hz
-        across = abs(ct * mx - cm * tx) * hx + abs(ct * my - cm * ty) * hy + abs(ct * mz - cm * tz) * hz
-        over = abs(ax) * hx + abs(ay) * hy + abs(az) * hz
-        radius = np.sqrt(hx * hx + hy * hy + hz * hz)
-
-        # Keys of a rectangle about it in the half-plane of a line.
-        near = rho - along
-        inside = near < _TINY
-        near = _TINY if inside else near
-        far = rho + along
-        far = np.sqrt(far * far + across * across)
-        far = rho + radius if rho + radius < far else far
-        top, bottom = a + over, a - over
-        high = top / (near if top > _ZERO else far)
-        low = bottom / (far if bottom > _ZERO else near)
-
-        # Keys of a ball about it.
-        distance = rho * rho + a * a
-        square = distance - radius * radius
-        away = np.sqrt(square if square > _ZERO else _ZERO)
-        side = rho * away - a * radius
-        ball = (a * away + rho * radius) / (side if side > _TINY else _ONE)
-        high = ball if (square > _ZERO) & (side > _F(1e-6)) & (ball < high) else high
-        side = rho * away + a * radius
-        ball = (a * away - rho * radius) / (side if side > _TINY else _ONE)
-        low = ball if (square > _ZERO) & (side > _F(1e-6)) & (ball > low) else low
-
-        # Azimuths.
-        spread = rough_azimuth(near, across)
-        square = rho * rho - radius * radius
-        tangent = np.sqrt(square if square > _ZERO else _ZERO)
-        ball = rough_azimuth(tangent, radius)
-        spread = ball if (square > _ZERO) & (ball < spread) else spread
-        spread = spread * per_radian + wrong
-        middle = rough_azimuth(t, m) * per_radian + _HALF_LINE
-        first = np.floor(middle - spread)
-        count = np.int32(np.floor(middle + spread) - first)
-        first = np.int32(first)
-        first = first + lines if first < none else first
-        first = first - lines if first >= lines else first
-        whole = inside | (count > lines)
-        ranges[i] = none if whole else first
-        ranges[i + _UW] = lines if whole else count
-
-        # Where the box comes nearest.
-        x, y, z = abs(x) - hx, abs(y) - hy, abs(z) - hz
-        x, y, z = x if x > _ZERO else _ZERO, y if y > _ZERO else _ZERO, z if z > _ZERO else _ZERO
-        seen[i] = x * x + y * y + z * z
-        seen[i + _U1] = low - _F(_KEY_ERROR) * (_ONE + abs(low))
-        seen[i + _U2] = high + _F(_KEY_ERROR) * (_ONE + abs(high))
-        drop = drop | (count <= none)
-        mask |= np.uint32(not drop) << np.uint32(i)
-    return np.int64(mask)
 
 
 @njit(**INNER)
@@ -182,24 +68,24 @@ def _cover(
     n_open,
     tops,
     bottoms,
-    nearness,
-    farthest,
+    reach,
+    limited,
     one_sided,
+    squares,
+    corner_distances,
     tally,
 ):
     """Take what the faces hide from the open intervals of a point. False where a line has no room left.
 
-    `farthest` is the longest reach of a line, and `nearness` (K,) one over that of each.
+    `squares` (K,) are those of `reach`, rounded up to float32, and `corner_distances` (16,) is scratch.
     """
     n_lines = len(n_open)
     stride = len(opened) // n_lines
     n_bundles = len(corners) // CORNER_BLOCK
     rounding = side_rounding(p)
-    limited = farthest < np.inf
-    # Boxes are of float32, with a margin of their own; only the square is rounded here.
-    square = np.float32(min(farthest * farthest * (1.0 + 1e-5), 1e38))
     left = n_lines
-    blocks, bundles, crossings = 0, 0, 0
+    blocks, bundles, crossings, clipped = 0, 0, 0, 0
+    least = squares.min()
     top = 1 if n_bundles > 0 else 0
     # A row is a node: level (-1 a bundle), number, first line, lines; distance, lowest and highest key.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = len(levels) - 2, 0, 0, n_lines
@@ -216,6 +102,8 @@ def _cover(
             bundles += 1
             n_cuts = np.int64(0)  # a literal would compile what follows twice
             mask = project_faces(corners, number, p, n, frame, n_lines, keys, spans)
+            if limited and mask != 0:
+                farthest_corners(corners, number, p[0], p[1], p[2], corner_distances)
             while mask != 0:
                 i = lowest(mask)
                 mask &= mask - 1
@@ -245,6 +133,7 @@ def _cover(
                         n_cuts,
                     )
                 if limited:
+                    clipped += int(corner_distances[i] > least)
                     n_cuts = keep_near(
                         face_planes,
                         planes,
@@ -253,7 +142,8 @@ def _cover(
                         p,
                         frame,
                         lines,
-                        nearness,
+                        reach,
+                        corner_distances[i],
                         rounding,
                         cuts,
                         cut_lines,
@@ -274,7 +164,7 @@ def _cover(
             mask &= mask - 1
             first, count = ranges[i], ranges[WIDTH + i]
             low, high = seen[WIDTH + i], seen[2 * WIDTH + i]
-            if limited and seen[i] > square:
+            if limited and not comes_near(seen[i], squares, first, count):
                 continue
             if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
                 continue
@@ -294,6 +184,7 @@ def _cover(
     tally[NODES] += blocks
     tally[EDGES] += bundles * WIDTH
     tally[CROSSINGS] += crossings
+    tally[SPHERE] += clipped
     return True
 
 
@@ -316,11 +207,15 @@ def _cover_points(
 ):
     """Visible intervals of the points [first, last), in one list."""
     n_lines = len(lines)
-    nearness, farthest = 1.0 / reach, reach.max()
+    limited, squares = reach.max() < np.inf, np.empty(n_lines, np.float32)
+    for k in range(n_lines):
+        # Boxes have a margin of their own; only the square is rounded here.
+        squares[k] = min(reach[k] * reach[k] * (1.0 + 1e-5) + 1e-37, 1e38)
+    corner_distances = np.empty(WIDTH)
     view = np.empty(N_VIEW, np.float32)
     stack = np.empty((WIDTH * len(bundles.levels), 4), np.int32)
-    stack_keys = np.empty((WIDTH * len(bundles.levels), _N_SEEN), np.float32)
-    seen, ranges = np.empty(_N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
+    stack_keys = np.empty((WIDTH * len(bundles.levels), N_SEEN), np.float32)
+    seen, ranges = np.empty(N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
     keys, spans = np.empty(N_KEYS * WIDTH), np.empty(N_SPANS * WIDTH, np.int32)
     cuts, cut_lines = np.empty(2 * (WIDTH * n_lines + 1)), np.empty(WIDTH * n_lines + 1, np.int32)
     # Lines twice over, so that a range that runs past the last needs no second thought.
@@ -370,9 +265,11 @@ def _cover_points(
                 n_open,
                 tops,
                 bottoms,
-                nearness,
-                farthest,
+                reach,
+                limited,
                 one_sided,
+                squares,
+                corner_distances,
                 tally[i],
             ):
                 break
@@ -440,7 +337,8 @@ def covered_radial_intervals(
     needed : (blocks,) int64, out
         Intervals of each block; a block that needs more than the capacity is left unwritten.
     tally : (n, N_TALLY) int64, zero, out
-        NODES are blocks of 16 boxes, EDGES are faces here, CROSSINGS are faces on open lines.
+        NODES are blocks of 16 boxes, EDGES are faces here, CROSSINGS are faces on open lines, SPHERE are
+        faces that reach out.
     """
     n, n_blocks = len(points), len(intervals)
     # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.

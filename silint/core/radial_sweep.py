@@ -15,10 +15,12 @@ from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
+from silint.core.face_view import N_SEEN, N_VIEW, set_view
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
-from silint.core.zenith import zenith_count
+from silint.core.sphere_cuts import cross_sphere, new_scratch
+from silint.core.zenith import near_zenith_counts, zenith_count
 
 # Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
 NEGATIVE_LENGTH = 1e-9
@@ -68,16 +70,16 @@ def _sweep_line(key, gain, lo, hi, end, w, out, n_out):
 
 
 @njit(**INNER)
-def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts, i):
+def _sweep_lines(key, gain, capacity, count, horizon, at_zenith, found, n_found, counts, i):
     """Append the visible intervals of all lines of point i, and count them.
 
-    A line that contradicts itself condemns all of the point: its start count serves all lines.
+    `at_zenith` (K,) is W there. A line that contradicts itself condemns all of the point: counts are shared.
     """
     before = n_found
     sound = True
     n_lines = len(horizon)
     for k in range(n_lines):
-        c = count[k]
+        c, w = count[k], at_zenith[k]
         lo = k * capacity
         if c == 0 or (c == 1 and w + gain[lo] >= 0 and key[lo] < np.inf):
             # Most lines: open down to the only crossing, or from it, or nowhere.
@@ -104,7 +106,20 @@ def _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts,
 
 @njit(**INNER)
 def _sweep_tiles(
-    geometry, trees, faces, points, normals, frames, lines, horizon, first, last, counts, starts, tally
+    geometry,
+    trees,
+    faces,
+    points,
+    normals,
+    frames,
+    lines,
+    horizon,
+    reach,
+    first,
+    last,
+    counts,
+    starts,
+    tally,
 ):
     """Visible intervals of the points [first, last), tile by tile, in one list."""
     n_lines = len(lines)
@@ -118,6 +133,9 @@ def _sweep_tiles(
     count = np.empty(n_lines, np.int32)
     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
     found = np.empty((4 * TILE * n_lines, 2))
+    at_zenith, limited = np.empty(n_lines, np.int32), reach.max() < np.inf
+    view, scratch = np.empty(N_VIEW, np.float32), new_scratch(N_SEEN, n_lines)
+    nodes_left = np.empty((WIDTH * len(faces.levels), 2), np.int32)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
@@ -142,33 +160,58 @@ def _sweep_tiles(
             for k in range(n_lines):
                 count[k] = 0
             which = 0
-            while which < 2:
-                tree = trees[which]
-                fits = cross_edges(
-                    geometry.vertices,
-                    geometry.planes,
-                    geometry.plane_errors,
-                    tree.ends,
-                    tree.offsets,
-                    tree.codes,
-                    ids,
-                    sides,
-                    ends[i - tile_first, which],
-                    ends[i - tile_first, which + 1],
-                    p,
-                    n,
-                    frame,
-                    lines,
-                    horizon,
-                    rounding,
-                    lanes,
-                    spans,
-                    count,
-                    key,
-                    gain,
-                    capacity,
-                    tally[i],
-                )
+            # Edges of both trees, and then the faces that reach out of the sphere.
+            while which < 2 + int(limited):
+                tree = trees[which % 2]
+                if which == 2:
+                    set_view(p, n, frame, n_lines, view)
+                    fits = cross_sphere(
+                        geometry,
+                        faces,
+                        p,
+                        n,
+                        frame,
+                        lines,
+                        horizon,
+                        reach,
+                        rounding,
+                        view,
+                        nodes_left,
+                        scratch,
+                        count,
+                        key,
+                        gain,
+                        capacity,
+                        tally[i],
+                    )
+                else:
+                    fits = cross_edges(
+                        geometry.vertices,
+                        geometry.planes,
+                        geometry.plane_errors,
+                        tree.ends,
+                        tree.offsets,
+                        tree.codes,
+                        ids,
+                        sides,
+                        ends[i - tile_first, which],
+                        ends[i - tile_first, which + 1],
+                        p,
+                        n,
+                        frame,
+                        lines,
+                        horizon,
+                        reach,
+                        limited,
+                        rounding,
+                        lanes,
+                        spans,
+                        count,
+                        key,
+                        gain,
+                        capacity,
+                        tally[i],
+                    )
                 which += 1
                 if not fits:
                     # Once more, with more room.
@@ -187,7 +230,10 @@ def _sweep_tiles(
                 if n_along <= len(face_ids):
                     break
                 face_ids = np.empty(2 * n_along, np.int32)
-            w = zenith_count(geometry, face_ids, n_along, p, n, frame, n_lines, rounding)
+            if limited:
+                near_zenith_counts(geometry, face_ids, n_along, p, n, frame, reach, rounding, at_zenith)
+            else:
+                at_zenith[:] = zenith_count(geometry, face_ids, n_along, p, n, frame, n_lines, rounding)
             crossings = 0
             for k in range(n_lines):
                 crossings += count[k]
@@ -195,7 +241,7 @@ def _sweep_tiles(
             if n_found + crossings + n_lines > len(found):
                 found = grow_rows(found, 2 * len(found) + crossings + n_lines)
             starts[i] = n_found
-            n_found = _sweep_lines(key, gain, capacity, count, horizon, w, found, n_found, counts, i)
+            n_found = _sweep_lines(key, gain, capacity, count, horizon, at_zenith, found, n_found, counts, i)
     return found, n_found
 
 
@@ -210,6 +256,7 @@ def radial_intervals(
     frames,
     lines,
     horizon,
+    reach,
     hands,
     per_block,
     counts,
@@ -233,6 +280,9 @@ def radial_intervals(
         Rows T, M, A of each; see `radial.set_frames`.
     lines, horizon : (K, 2), (K,) float64
         See `radial.line_table` and `radial.normal_table`.
+    reach : (K,) float64
+        Nothing blocks a line from this distance on, infinite for no limit: see `caps.reach_table`. Faces have
+        to have their corners then.
     hands : int
         The number of threads; nothing but the time depends on it.
     per_block : int
@@ -264,6 +314,7 @@ def radial_intervals(
             frames,
             lines,
             horizon,
+            reach,
             first,
             last,
             counts,

@@ -10,7 +10,7 @@ from numba import get_num_threads
 from silint.core.arcs import boundary_arcs
 from silint.core.arcs_types import Arcs
 from silint.core.bundles import EdgeBundles
-from silint.core.caps import UNLIMITED, LineLimits, clip_lines, reach_table
+from silint.core.caps import NO_GROUND, UNLIMITED, LineLimits, clip_lines, reach_table
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
 from silint.core.face_bundles import FaceBundles, with_corners
@@ -41,9 +41,11 @@ class VisibleIntervals(NamedTuple):
 
 
 # What both ways cost a point, in ns per count of the tally: nodes, edges or faces, contours, crossings,
-# snapped sides. Fitted to twelve scenes of 6k to 2.5M triangles, to 30 %; only ratios matter.
-_SWEEP_COST = np.array([0.0, 6.0, 40.0, 52.0, 0.0])
-_COVER_COST = np.array([59.0, 27.0, 0.0, 30.0, 0.0])
+# snapped sides, and what a distance takes: boxes and faces on its sphere, or faces that reach out of it.
+# Fitted to twelve scenes of 6k to 2.5M triangles, to 30 % (the sphere's to a factor of two, on two scenes);
+# only ratios matter.
+_SWEEP_COST = np.array([0.0, 6.0, 40.0, 52.0, 0.0, 1500.0])
+_COVER_COST = np.array([59.0, 27.0, 0.0, 30.0, 0.0, 150.0])
 # What covering costs at least: the front layer of a simple scene.
 _LEAST_COVER = 25e3
 # The faces that are probed: some runs of neighbours, as far apart as so many points on the scene would be,
@@ -88,7 +90,7 @@ def find_radial(
     Parameters
     ----------
     bundles : Bundles
-        With corners, if `cover`; and covered it has to be where limits tell faces apart.
+        With corners, if `cover` or where distance is limited.
     points, normals : (n, 3) float64
         In scaled units, lifted, in tile order; unit normals.
     per_block : int
@@ -99,6 +101,7 @@ def find_radial(
         Direction that a line of each point passes through; see `radial.set_frames`. Integrands have to be
         told, unless they do not look at frames.
     limits : LineLimits
+        Faces that only block from their front have to be covered.
 
     Returns
     -------
@@ -120,14 +123,14 @@ def find_radial(
     if cover:
         covered_radial_intervals(geometry, bundles.face, *given, reach, limits.one_sided, *blocked)
     else:
-        radial_intervals(geometry, *bundles, *given, *blocked)
+        radial_intervals(geometry, *bundles, *given, reach, *blocked)
     if needed.max(initial=0) > capacity:
         return int(needed.max())
     starts += capacity * (np.arange(n) // per_block)
     found = RadialIntervals(normals, counts, starts, intervals.reshape(-1, 2))
     failed = np.flatnonzero(counts[:, 0] == CONTRADICTED)
     if len(failed):
-        found = _repaired(found, failed, geometry, bundles, points, per_block, aim)
+        found = _repaired(found, failed, geometry, bundles, points, per_block, aim, limits)
     if limits.cone > 0.0 or limits.ground.any():
         found = _clipped(found, points, frames, lines, limits)
     return FoundRadial(found, tally.sum(axis=0), len(failed))
@@ -141,6 +144,7 @@ def _repaired(
     points: np.ndarray,
     per_block: int,
     aim: np.ndarray,
+    limits: LineLimits,
 ) -> RadialIntervals:
     """What the sweep found, with some points covered instead."""
     normals, counts, starts = found.normals, found.counts, found.starts
@@ -149,7 +153,16 @@ def _repaired(
     repaired: FoundRadial | int = 4 * per_block * isolines
     while isinstance(repaired, int):
         repaired = find_radial(
-            geometry, whole, points[failed], normals[failed], isolines, per_block, repaired, True, aim
+            geometry,
+            whole,
+            points[failed],
+            normals[failed],
+            isolines,
+            per_block,
+            repaired,
+            True,
+            aim,
+            limits._replace(cone=0.0, ground=NO_GROUND),  # by which all are clipped together
         )
     more = repaired.visible
     counts[failed] = more.counts
@@ -254,10 +267,13 @@ def find_arcs(
     return FoundArcs(arcs, tally.sum(axis=0), frames)
 
 
-def prefers_cover(geometry: Topology, bundles: Bundles) -> tuple[bool, Bundles]:
+def prefers_cover(
+    geometry: Topology, bundles: Bundles, limits: LineLimits = UNLIMITED
+) -> tuple[bool, Bundles]:
     """Whether covering is the cheaper way to see past a scene, judged by counts on some of its faces.
 
-    The choice belongs to the scene: it depends neither on the points that are asked for nor on a clock.
+    The choice belongs to the scene and the limits: it depends neither on the points that are asked for nor on
+    a clock.
 
     Returns
     -------
@@ -268,27 +284,36 @@ def prefers_cover(geometry: Topology, bundles: Bundles) -> tuple[bool, Bundles]:
     order = bundles.face.order
     if len(order) == 0:
         return False, bundles
-    starts = (np.arange(_PROBES) * len(order)) // _PROBES
+    limited = limits.reach < np.inf
+    probes = _PROBES // 2 if limited else _PROBES  # far and limited, either way may cost much
+    starts = (np.arange(probes) * len(order)) // probes
     step = max(len(order) // _PROBE_POINTS, 1)
     faces = order[np.unique(np.minimum(starts[:, None] + step * np.arange(TILE), len(order) - 1))]
     codes = geometry.face_planes[faces]
     normals = geometry.planes[np.where(codes < 0, ~codes, codes), :3] * np.where(codes < 0, -1, 1)[:, None]
     points = geometry.vertices[geometry.faces[faces]].mean(axis=1) + _PROBE_LIFT * normals
-    swept = _probe(geometry, bundles, points, normals, False)
-    if swept <= _LEAST_COVER * len(points):
+    swept = _probe(geometry, bundles, points, normals, False, limits)
+    if swept <= _LEAST_COVER * len(points) and not limited:
         return False, bundles
-    whole = _with_corners(bundles, geometry)
-    cover = _probe(geometry, whole, points, normals, True) < swept
+    whole = bundles if len(bundles.face.corners) else _with_corners(bundles, geometry)
+    cover = _probe(geometry, whole, points, normals, True, limits) < swept
     return cover, whole if cover else bundles
 
 
 def _probe(
-    geometry: Topology, bundles: Bundles, points: np.ndarray, normals: np.ndarray, cover: bool
+    geometry: Topology,
+    bundles: Bundles,
+    points: np.ndarray,
+    normals: np.ndarray,
+    cover: bool,
+    limits: LineLimits,
 ) -> float:
     """What one way costs for some points, in ns."""
     found: FoundRadial | int = 8 * TILE * _PROBE_LINES
     while isinstance(found, int):
-        found = find_radial(geometry, bundles, points, normals, _PROBE_LINES, TILE, found, cover)
+        found = find_radial(
+            geometry, bundles, points, normals, _PROBE_LINES, TILE, found, cover, limits=limits
+        )
     return float(found.tally @ (_COVER_COST if cover else _SWEEP_COST))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
+from silint.core.caps import meets_axis_near, plane_towards
 from silint.core.contour import plane_side
 from silint.core.jit import INNER
 from silint.core.radial import in_frame, local_vertex, sector, span
@@ -22,14 +23,30 @@ def zenith_count(geometry, face_ids, n_along, p, n, frame, n_lines, rounding):
     planes, plane_errors = geometry.planes, geometry.plane_errors
     count = 0
     for i in range(n_along):
-        count += _covers_zenith(
+        count += covers_zenith(
             vertices, faces, face_planes, planes, plane_errors, face_ids[i], p, n, frame, n_lines, rounding
         )
     return count
 
 
 @njit(**INNER)
-def _covers_zenith(vertices, faces, face_planes, planes, plane_errors, f, p, n, frame, n_lines, rounding):
+def near_zenith_counts(geometry, face_ids, n_along, p, n, frame, reach, rounding, counts):
+    """The same within the reach of each line: counts (K,) int32."""
+    vertices, faces, face_planes = geometry.vertices, geometry.faces, geometry.face_planes
+    planes, plane_errors = geometry.planes, geometry.plane_errors
+    counts[:] = 0
+    for i in range(n_along):
+        f = face_ids[i]
+        if covers_zenith(
+            vertices, faces, face_planes, planes, plane_errors, f, p, n, frame, len(reach), rounding
+        ):
+            height, (_, _, along) = plane_towards(face_planes, planes, f, p, frame)
+            for k in range(len(reach)):
+                counts[k] += int(meets_axis_near(height, along, reach[k]))
+
+
+@njit(**INNER)
+def covers_zenith(vertices, faces, face_planes, planes, plane_errors, f, p, n, frame, n_lines, rounding):
     """1 where a face winds round the axis and leaves the depth count as lines run down, else 0."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     at, am, _, _ = local_vertex(vertices, a, p, n, frame)

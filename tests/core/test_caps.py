@@ -93,6 +93,8 @@ CASES = {
     "near in a cone": LineLimits(reach=0.4, cone=0.9),
     "ground": LineLimits(ground=TILTED),
     "near ground": LineLimits(ground=TILTED, ground_reach=0.4),
+    # Seen between what lies on either side of it.
+    "ground in the middle": LineLimits(ground=np.array([0.6, 0.0, 0.8, 0.7]), ground_reach=0.6),
     "all": LineLimits(0.5, LINEAR, True, 0.3, TILTED),
 }
 
@@ -101,7 +103,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_intervals_are_what_rays_see(name: str, cover: bool) -> None:
     limits = CASES[name]
-    if limits.by_faces and not cover:
+    if limits.one_sided and not cover:
         return
     topology = soup()
     bundles = Bundles(*build_edge_bundles(topology)[:2], build_face_bundles(topology))
@@ -110,6 +112,7 @@ def test_intervals_are_what_rays_see(name: str, cover: bool) -> None:
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     found = find_radial(topology, bundles, p, n, K, 32, 4096, cover, limits=limits)
     assert not isinstance(found, int)
+    assert found.contradicted == 0
     visible, lines = found.visible, line_table(K)
     ends, reach = normal_table(lines, limits.cone)[:, 1], reach_table(limits, K)
     frame = np.empty((3, 3))

@@ -107,9 +107,12 @@ def cover(
 
 def sweep(topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, n_lines: int = K) -> Found:
     contour, boundary, _ = build_edge_bundles(topology)
+    reach = np.full(n_lines, np.inf)
 
     def run(*blocks: object) -> None:
-        radial_intervals(topology, contour, boundary, faces, p, n, frames(n), *tables(n_lines), 2, *blocks)
+        radial_intervals(
+            topology, contour, boundary, faces, p, n, frames(n), *tables(n_lines), reach, 2, *blocks
+        )
 
     return gathered(run, len(p), n_lines, TILE)
 
