@@ -159,6 +159,7 @@ class Stage:
 
     @staticmethod
     def _smooth(shape: tuple[int, int], hit: Array, point: Array, normal: Array, pixel: Array) -> Array:
+        """Whether a pixel and its four neighbours show one surface, or all of them none."""
         smooth = np.ones(shape, bool)
         p, n, here, size = (a.reshape(*shape, -1) for a in (point, normal, hit, pixel))
         for axis in (0, 1):
@@ -168,8 +169,7 @@ class Stage:
             same = (ha & hb)[..., 0] & ((na * nb).sum(axis=-1) > TURN) & (off < STEP)
             same |= ~(ha | hb)[..., 0]
             for k in (a, b):
-                part = smooth[k] if axis == 0 else smooth[:, k]
-                smooth[(k, slice(None)) if axis == 0 else (slice(None), k)] = part & same
+                smooth[(k, slice(None)) if axis == 0 else (slice(None), k)] &= same
         return smooth
 
 
