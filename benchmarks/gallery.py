@@ -40,7 +40,7 @@ LINES = 64
 WIDTH, HEIGHT = 800, 500
 CELL, ENLARGED = 42, 3  # pixels of an inset, and how many times larger they are drawn
 STRIPS = 32  # into which the pixels are cut, for turns
-TRIAL_RAYS = 128
+TRIAL_RAYS, TRIAL_STRIPS = 128, 16
 RMSE_PIXELS, REFERENCE_RAYS, SCRAMBLES = 2048, 16384, 4
 SEED, SECOND_SEED, REFERENCE_SEED = 1, 2, 3
 FLOOR_SIZE, FLOOR_SUNK = 6.0, 0.002  # in extents of the asset
@@ -155,7 +155,7 @@ def compared(scene: silint.Scene, view: Pixels) -> Found:
     # Strips spread over the picture, after a first one that compiles.
     ours(strips[0]), theirs(strips[0], TRIAL_RAYS)
     mine, others = 0.0, 0.0
-    for rows in strips[STRIPS // 8 :: STRIPS // 4]:
+    for rows in np.array_split(np.arange(len(p)), 16 * TRIAL_STRIPS)[8::16]:
         mine += timed(partial(ours, rows))[0].cpu
         others += timed(partial(theirs, rows, TRIAL_RAYS))[0].cpu
     rays = 1 << max(round(np.log2(TRIAL_RAYS * mine / others)), 0)
