@@ -87,6 +87,40 @@ def python_blocks(markdown: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```$", markdown, re.M | re.S)
 
 
+def linked_files(page: Path) -> list[Path]:
+    """What a page of markdown links to or shows, beside what lies elsewhere on the web."""
+    targets = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
+    local = [target.split("#")[0] for target in targets if not re.match(r"[a-z]+:", target)]
+    return [page.parent / name for name in local if name]
+
+
+def test_links_lead_somewhere(checkout: Path) -> None:
+    """Every file that README and the pages of docs/ link to or show is there."""
+    pages = [*checkout.glob("*.md"), *(checkout / "docs").glob("*.md")]
+    linked = {page.relative_to(checkout).as_posix(): linked_files(page) for page in pages}
+    if not (checkout / "docs").is_dir():
+        pytest.skip("the pages are not here")
+    missing = {page: [str(f) for f in files if not f.exists()] for page, files in linked.items()}
+    assert {page: files for page, files in missing.items() if files} == {}
+
+
+def test_gallery_is_whole(checkout: Path) -> None:
+    """A picture for each shot of the benchmark, all on the page, of a size for a page and quick to load."""
+    pictures = sorted((checkout / "docs" / "gallery").glob("*.png"))
+    script = checkout / "benchmarks" / "gallery.py"
+    if not (script.is_file() and (checkout / "docs").is_dir()):
+        pytest.skip("the benchmarks or the pages are not here")
+    shots = re.findall(r'\bShot\(\s*"([\w-]+)"', script.read_text(encoding="utf-8"))
+    assert [picture.stem for picture in pictures] == sorted(shots)
+    shown = [f for f in linked_files(checkout / "docs" / "gallery.md") if f.suffix == ".png"]
+    assert sorted(shown) == pictures
+    for picture in pictures:
+        data = picture.read_bytes()
+        assert data[:8] == b"\x89PNG\r\n\x1a\n"
+        assert 720 <= int.from_bytes(data[16:20], "big") <= 960  # the width, first in the header
+        assert len(data) <= 350_000
+
+
 def test_readme_examples_run(checkout: Path, tmp_path: Path) -> None:
     """All of README's Python, from top to bottom in one session, as a reader would type it.
 
