@@ -21,6 +21,8 @@ __all__ = ["Integrals", "blocking_scene", "integrate"]
 
 FloatArray = npt.NDArray[np.float64]
 
+_BOUNDS = {"ao": (0.0, 1.0), "sky": (0.0, 1.0), "irradiance": (0.0, np.inf)}
+
 
 class Integrals(NamedTuple):
     """What was integrated, and what was counted meanwhile."""
@@ -95,6 +97,7 @@ def integrate(
                 sites.normals[rows],
                 asked.interpolate,
                 surfaces=sites.surfaces[rows],
+                bounds=_BOUNDS.get(asked.quantity),
                 progress=shared,
             )
             value[rows] = found.value
@@ -127,7 +130,7 @@ def _of_sides(
 
 def _summary(found: Sequence[Interpolated]) -> dict[str, Any]:
     """What interpolations tell, of all parts."""
-    names = ("points", "distinct", "computed", "held_back", "clipped")
+    names = ("points", "distinct", "computed", "held_back")
     counts: dict[str, Any] = {name: sum(part.diagnostics[name] for part in found) for name in names}
     return {**counts, "held_back_error": max((part.held_back_error for part in found), default=0.0)}
 

@@ -25,12 +25,12 @@ _FIRST = 64
 _LEAST = 3
 # Anchors that a prediction looks at.
 _NEAR = 24
+# Of the reach of these: no point of a cluster is farther from its centre.
+_COVERED = 0.5
 # Held-back points have to be this much better than the tolerance: the others are no better than they.
 _MARGIN = 0.5
 # After which clusters that still fail are computed whole.
-_MOST_ROUNDS = 40
-# Clipping by less than this is rounding.
-_ROUNDING = 1e-12
+_MOST_ROUNDS = 20
 
 
 class _Clusters(NamedTuple):
@@ -40,10 +40,16 @@ class _Clusters(NamedTuple):
     end: IntArray
     centre: FloatArray
     """(c, 6) mean position and normal."""
+    radius: FloatArray
+    """How far from there the farthest point is."""
     check: IntArray
     """Row of the held-back point, -1 for none."""
     near: IntArray
     """(c, _NEAR) rows of anchors, -1 for none."""
+    reach: FloatArray
+    """How far the farthest of these is, in the tree of anchors; infinite if there are no more."""
+    seen: IntArray
+    """The round in which these were found."""
     error: FloatArray
     """Of the held-back point."""
 
@@ -64,7 +70,8 @@ class Refinement:
     label : (N,) int64
         Surfaces.
     tolerance : float
-    progress : callable, optional
+    bounds : (float, float), optional
+    progress : callable
     """
 
     def __init__(
@@ -74,15 +81,17 @@ class Refinement:
         n: FloatArray,
         label: IntArray,
         tolerance: float,
-        progress: Progress | None,
+        bounds: tuple[float, float] | None,
+        progress: Progress,
     ) -> None:
-        self.query, self.tolerance, self.progress = query, tolerance, progress
+        self.query, self.tolerance, self.bounds, self.progress = query, tolerance, bounds, progress
         self.x, self.n, self.label = x, n, label
         self.order = np.argsort(label, kind="stable")
         self.state = np.zeros(len(x), np.uint8)
+        self.became_anchor = np.full(len(x), -1)  # in which round
         self.value: FloatArray = np.zeros((len(x), 1))
         self.shape: tuple[int, ...] = ()
-        self.rounds = self.clipped = 0
+        self.rounds = self._settled = 0
         self.held_back_error = 0.0
         size = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
         # Surfaces are apart in the tree of anchors, and so are the two sides of a thin wall.
@@ -92,8 +101,7 @@ class Refinement:
     def run(self) -> None:
         """Compute what has to be computed, and predict the rest."""
         new = self._first_clusters()
-        radius = np.linalg.norm(self.x[self.order[new.begin]] - new.centre[:, :3], axis=1)
-        self._normal_scale = float(np.median(radius)) if len(radius) else 0.0
+        self._normal_scale = float(np.median(new.radius)) if len(new.radius) else 0.0
         settled: list[_Clusters] = []
         while len(new.begin):
             self.rounds += 1
@@ -104,11 +112,13 @@ class Refinement:
                 new, failed = self._judged_again(new)
             settled.append(new.take(~failed))
             new = new.take(failed)
-            self.state[new.check] = ANCHOR
+            self._make_anchors(new.check)
             if self.rounds < _MOST_ROUNDS:
                 new = self._clusters(*self._halves(new.begin, new.end))
             else:
-                self._compute(self._unknown(new)[0])
+                rest, _ = self._unknown(new)
+                self._make_anchors(rest)
+                self._compute(rest)
                 new = new.take(np.zeros(0, np.int64))
             self._report(new)
         if settled:
@@ -125,17 +135,19 @@ class Refinement:
             small.append((begin[~large], end[~large]))
             begin, end = self._halves(begin[large], end[large])
         begins, ends = zip(*small, strict=True) if small else ([end], [end])
-        return self._clusters(np.concatenate(begins), np.concatenate(ends))
+        return self._clusters(np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends)))
 
     def _clusters(self, begin: IntArray, end: IntArray) -> _Clusters:
-        centre = np.empty((len(begin), 6))
-        scattered.centres(self.x, self.n, self.order, begin, end, centre)
-        near = np.full((len(begin), _NEAR), -1)
-        return _Clusters(begin, end, centre, np.full(len(begin), -1), near, np.zeros(len(begin)))
+        c = len(begin)
+        centre, radius = np.empty((c, 6)), np.empty(c)
+        scattered.centres(self.x, self.n, self.order, begin, end, centre, radius)
+        near, none = np.full((c, _NEAR), -1), np.full(c, -1)
+        return _Clusters(begin, end, centre, radius, none, near, np.full(c, np.inf), none, np.zeros(c))
 
     def _halves(self, begin: IntArray, end: IntArray) -> tuple[IntArray, IntArray]:
         middle = np.empty_like(begin)
-        scattered.halve(self.x, self.n, self.order, begin, end, middle)
+        with KERNEL_LOCK:
+            scattered.halve(self.x, self.n, self.order, begin, end, middle)
         return np.stack([begin, middle], axis=1).ravel(), np.stack([middle, end], axis=1).ravel()
 
     def _computed(self, new: _Clusters) -> _Clusters:
@@ -148,20 +160,23 @@ class Refinement:
         central = np.empty(np.count_nonzero(bare), np.int64)
         scattered.central_rows(self.x, self.order, new.begin[bare], new.end[bare], new.centre[bare], central)
         fresh = np.concatenate([whole, central])
-        self.state[fresh] = ANCHOR
-        near, check = self._nearest(new.begin, new.centre), np.empty(len(size), np.int64)
-        scattered.remotest_rows(self.x, self.order, new.begin, new.end, self.state, near, check)
+        self._make_anchors(fresh)
+        new, check = self._with_nearest(new), np.empty(len(size), np.int64)
+        scattered.remotest_rows(self.x, self.order, new.begin, new.end, self.state, new.near, check)
         held_back = check[check >= 0]
         self.state[held_back] = CHECK
-        self._compute(np.concatenate([fresh, held_back]), mark=None)
-        return new._replace(near=near, check=check)
+        self._compute(np.concatenate([fresh, held_back]))
+        return new._replace(check=check)
 
     def _judged(self, clusters: _Clusters) -> tuple[_Clusters, npt.NDArray[np.bool_]]:
         """The same with errors of held-back points, and which clusters predict too badly."""
         error = np.zeros(len(clusters.begin))
         tested = np.flatnonzero(clusters.check >= 0)
         error[tested] = self._errors(clusters.check[tested], tested, clusters.near)
-        failed = error > _MARGIN * self.tolerance
+        # Points beyond the anchors that are looked at may have others next to them.
+        failed = (error > _MARGIN * self.tolerance) | (
+            (clusters.check >= 0) & (clusters.radius > _COVERED * clusters.reach)
+        )
         # Anchors are predicted from the others, too.
         rows, of_row = self._members(clusters)
         again = (self.state[rows] == ANCHOR) & (clusters.check[of_row] >= 0) & ~failed[of_row]
@@ -171,12 +186,13 @@ class Refinement:
 
     def _judged_again(self, clusters: _Clusters) -> tuple[_Clusters, npt.NDArray[np.bool_]]:
         """The same with the anchors that are nearest now, and which of those that get new ones fail."""
-        near = self._nearest(clusters.begin, clusters.centre)
-        changed = (near != clusters.near).any(axis=1)
-        judged, fails = self._judged(clusters._replace(near=near).take(changed))
-        error, failed = clusters.error.copy(), np.zeros(len(near), bool)
-        error[changed], failed[changed] = judged.error, fails
-        return clusters._replace(near=near, error=error), failed
+        outdated = self._outdated(clusters)
+        judged, fails = self._judged(self._with_nearest(clusters.take(outdated)))
+        kept = clusters.take(~outdated)
+        both, failed = _joined([kept, judged]), np.concatenate([np.zeros(len(kept.begin), bool), fails])
+        # Neighbours after each other, as the points in their order, make looking up twice as fast.
+        by_place = np.argsort(both.begin)
+        return both.take(by_place), failed[by_place]
 
     def _errors(self, rows: IntArray, of_row: IntArray, near: IntArray) -> FloatArray:
         """Of predictions of computed rows, in their worst component; infinite where there is none."""
@@ -187,28 +203,52 @@ class Refinement:
         out = np.empty((len(rows), self.value.shape[1]))
         with KERNEL_LOCK:
             scattered.predict(self.x, self.n, self.label, rows, of_row, near, self.value, out)
+        return out if self.bounds is None else out.clip(*self.bounds)
+
+    def _with_nearest(self, clusters: _Clusters) -> _Clusters:
+        """The same with the anchors that are nearest now, on their surface and their side of it."""
+        anchors = self.order[self.state[self.order] == ANCHOR]
+        k = min(_NEAR, len(anchors))
+        distance, found = self._look_up(anchors, clusters, k)
+        near, reach = np.full((len(clusters.begin), _NEAR), -1), np.full(len(clusters.begin), np.inf)
+        near[:, :k] = anchors[found.reshape(-1, k)]
+        if k == _NEAR:
+            reach = distance[:, -1]
+        return clusters._replace(near=near, reach=reach, seen=np.full(len(reach), self.rounds))
+
+    def _outdated(self, clusters: _Clusters) -> npt.NDArray[np.bool_]:
+        """Whether there are anchors within a cluster's reach that it has not seen."""
+        out = np.zeros(len(clusters.begin), bool)
+        for seen in np.unique(clusters.seen):
+            fresh = self.order[self.became_anchor[self.order] > seen]
+            rows = np.flatnonzero(clusters.seen == seen)
+            if len(fresh):
+                distance, _ = self._look_up(fresh, clusters.take(rows), 1)
+                out[rows] = distance < clusters.reach[rows]
         return out
 
-    def _nearest(self, begin: IntArray, centre: FloatArray) -> IntArray:
-        """The anchors (c, _NEAR) that are nearest to centres of clusters, on their surface and side of it."""
+    def _look_up(self, anchors: IntArray, clusters: _Clusters, k: int) -> tuple[FloatArray, IntArray]:
+        """Distances and numbers of the k anchors that are nearest to the centres of clusters."""
         from numba import get_num_threads
         from scipy.spatial import cKDTree
 
-        anchors = np.flatnonzero(self.state == ANCHOR)
+        label = self.label[self.order[clusters.begin]]
         tree = cKDTree(self._in_tree(self.x[anchors], self.n[anchors], self.label[anchors]))
-        k = min(_NEAR, len(anchors))
-        at = self._in_tree(centre[:, :3], centre[:, 3:], self.label[self.order[begin]])
-        _, found = tree.query(at, k, workers=get_num_threads())
-        near = np.full((len(begin), _NEAR), -1)
-        near[:, :k] = anchors[found.reshape(len(begin), k)]
-        return near
+        at = self._in_tree(clusters.centre[:, :3], clusters.centre[:, 3:], label)
+        distance, found = tree.query(at, k, workers=get_num_threads())
+        return distance, found
 
     def _in_tree(self, x: FloatArray, n: FloatArray, label: IntArray) -> FloatArray:
         shifted = x.copy()
         shifted[:, 0] += self._apart * label
         return np.concatenate([shifted, self._normal_scale * n], axis=1)
 
-    def _compute(self, rows: IntArray, mark: int | None = ANCHOR) -> None:
+    def _make_anchors(self, rows: IntArray) -> None:
+        # A round sees the anchors that it makes itself, except those that held-back points become at its end.
+        self.became_anchor[rows] = self.rounds + (self.state[rows] == CHECK)
+        self.state[rows] = ANCHOR
+
+    def _compute(self, rows: IntArray) -> None:
         """Ask the query for these rows."""
         if not len(rows):
             return
@@ -221,8 +261,6 @@ class Refinement:
             self.shape = found.shape[1:]
             self.value = np.zeros((len(self.x), *self.shape))
         self.value[rows] = found.reshape(len(rows), -1)
-        if mark is not None:
-            self.state[rows] = mark
 
     def _members(self, clusters: _Clusters) -> tuple[IntArray, IntArray]:
         """All rows of clusters, and which cluster each is of."""
@@ -238,20 +276,19 @@ class Refinement:
 
     def _predict_rest(self, clusters: _Clusters) -> None:
         rows, of_row = self._unknown(clusters)
-        known = self.value[self.state != UNKNOWN]
         predicted = self._predicted(rows, of_row, clusters.near)
         alone = np.isnan(predicted).any(axis=1)
-        kept = np.clip(predicted[~alone], known.min(axis=0), known.max(axis=0))
-        self.clipped = int((np.abs(kept - predicted[~alone]) > _ROUNDING).any(axis=1).sum())
-        self.value[rows[~alone]] = kept
+        self.value[rows] = predicted
+        self._make_anchors(rows[alone])
         self._compute(rows[alone])
         if (self.state == UNKNOWN).any():
             self.held_back_error = float(clusters.error.max())
 
     def _report(self, open_clusters: _Clusters) -> None:
-        if self.progress is not None:
-            n = len(self.x)
-            self.progress(n - len(self._unknown(open_clusters)[0]), n)
+        # Clusters that were settled may be opened again.
+        n = len(self.x)
+        self._settled = max(self._settled, n - len(self._unknown(open_clusters)[0]))
+        self.progress(self._settled, n)
 
 
 def _joined(parts: list[_Clusters]) -> _Clusters:

@@ -29,8 +29,7 @@ class Interpolated(NamedTuple):
     the anchors that all other predictions use; 0 where nothing was predicted."""
     diagnostics: dict[str, int]
     """``points``; ``distinct``, without those that repeat place and normal; ``computed`` of these;
-    ``held_back`` of the computed; ``rounds``; ``clipped``, whose prediction left the range of what was
-    computed and was put back to its end."""
+    ``held_back`` of the computed; ``rounds``."""
 
 
 def interpolate(
@@ -41,6 +40,7 @@ def interpolate(
     *,
     faces: npt.ArrayLike | None = None,
     surfaces: npt.ArrayLike | None = None,
+    bounds: tuple[float, float] | None = None,
     progress: Progress | None = None,
 ) -> Interpolated:
     """Values of a query at points of a surface, most of them predicted from some that are computed.
@@ -59,6 +59,8 @@ def interpolate(
         Rows of points: triangles that join them to surfaces. See `smooth_surfaces`.
     surfaces : array_like of int, shape (n,), optional
         In place of faces: a number for each point, from 0. Points with different ones do not help each other.
+    bounds : (float, float), optional
+        Between which all values are; predictions beyond are moved there.
     progress : callable, optional
         Called with the numbers of points settled and in all.
 
@@ -82,7 +84,12 @@ def interpolate(
     elif surfaces is not None:
         label = row_numbers(surfaces, "surfaces", len(p), 2**31 - 1).astype(np.int64)
     distinct, of_point = distinct_points(p, n, label)
-    work = Refinement(query, p[distinct], n[distinct], in_order(label[distinct]), limit, progress)
+
+    def report(done: int, n: int) -> None:
+        if progress is not None:
+            progress(done * len(p) // n, len(p))
+
+    work = Refinement(query, p[distinct], n[distinct], in_order(label[distinct]), limit, bounds, report)
     work.run()
     counts = {
         "points": len(p),
@@ -90,7 +97,6 @@ def interpolate(
         "computed": int(np.count_nonzero(work.state)),
         "held_back": int(np.count_nonzero(work.state == scattered.CHECK)),
         "rounds": work.rounds,
-        "clipped": work.clipped,
     }
     value = work.value[of_point].reshape(len(p), *work.shape)
     return Interpolated(value, (work.state != scattered.UNKNOWN)[of_point], work.held_back_error, counts)
