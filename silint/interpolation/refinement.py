@@ -29,7 +29,9 @@ _NEAR = 24
 _COVERED = 0.5
 # Held-back points have to be this much better than the tolerance: the others are no better than they.
 _MARGIN = 0.5
-# After which clusters that still fail are computed whole.
+# Of the points: with so many computed, halving clusters that still fail would spare less than it costs.
+_MOST_SHARE = 0.4
+# Rounds after which clusters that still fail are computed whole, too.
 _MOST_ROUNDS = 20
 
 
@@ -100,29 +102,33 @@ class Refinement:
 
     def run(self) -> None:
         """Compute what has to be computed, and predict the rest."""
+        if not len(self.x):
+            return
         new = self._first_clusters()
-        self._normal_scale = float(np.median(new.radius)) if len(new.radius) else 0.0
+        self._normal_scale = float(np.median(new.radius))
         settled: list[_Clusters] = []
-        while len(new.begin):
+        while True:
             self.rounds += 1
             new, failed = self._judged(self._computed(new))
             if not failed.any():
                 # All of them again, from all anchors that there are by now.
-                new, settled = _joined([*settled, new]), []
-                new, failed = self._judged_again(new)
+                new, failed = self._judged_again(_joined([*settled, new]))
+                settled = []
+                if not failed.any():
+                    break
             settled.append(new.take(~failed))
             new = new.take(failed)
-            self._make_anchors(new.check)
-            if self.rounds < _MOST_ROUNDS:
+            self._make_anchors(new.check, self.rounds + 1)
+            share = np.count_nonzero(self.state) / len(self.state)
+            if self.rounds < _MOST_ROUNDS and share < _MOST_SHARE:
                 new = self._clusters(*self._halves(new.begin, new.end))
             else:
                 rest, _ = self._unknown(new)
-                self._make_anchors(rest)
+                self._make_anchors(rest, self.rounds + 1)
                 self._compute(rest)
                 new = new.take(np.zeros(0, np.int64))
             self._report(new)
-        if settled:
-            self._predict_rest(_joined(settled))
+        self._predict_rest(new)
 
     def _first_clusters(self) -> _Clusters:
         """Surfaces, halved until they are small."""
@@ -152,6 +158,8 @@ class Refinement:
 
     def _computed(self, new: _Clusters) -> _Clusters:
         """The same with anchors, the anchors near them and a point held back, all of them computed."""
+        if not len(new.begin):
+            return new
         rows, of_row = self._members(new)
         size = new.end - new.begin
         whole = rows[(size[of_row] <= _LEAST) & (self.state[rows] == UNKNOWN)]
@@ -160,7 +168,7 @@ class Refinement:
         central = np.empty(np.count_nonzero(bare), np.int64)
         scattered.central_rows(self.x, self.order, new.begin[bare], new.end[bare], new.centre[bare], central)
         fresh = np.concatenate([whole, central])
-        self._make_anchors(fresh)
+        self._make_anchors(fresh, self.rounds)
         new, check = self._with_nearest(new), np.empty(len(size), np.int64)
         scattered.remotest_rows(self.x, self.order, new.begin, new.end, self.state, new.near, check)
         held_back = check[check >= 0]
@@ -187,6 +195,8 @@ class Refinement:
     def _judged_again(self, clusters: _Clusters) -> tuple[_Clusters, npt.NDArray[np.bool_]]:
         """The same with the anchors that are nearest now, and which of those that get new ones fail."""
         outdated = self._outdated(clusters)
+        if not outdated.any():
+            return clusters, outdated
         judged, fails = self._judged(self._with_nearest(clusters.take(outdated)))
         kept = clusters.take(~outdated)
         both, failed = _joined([kept, judged]), np.concatenate([np.zeros(len(kept.begin), bool), fails])
@@ -243,9 +253,9 @@ class Refinement:
         shifted[:, 0] += self._apart * label
         return np.concatenate([shifted, self._normal_scale * n], axis=1)
 
-    def _make_anchors(self, rows: IntArray) -> None:
-        # A round sees the anchors that it makes itself, except those that held-back points become at its end.
-        self.became_anchor[rows] = self.rounds + (self.state[rows] == CHECK)
+    def _make_anchors(self, rows: IntArray, seen_from: int) -> None:
+        """Anchors that clusters see whose nearest are looked up from that round on."""
+        self.became_anchor[rows] = seen_from
         self.state[rows] = ANCHOR
 
     def _compute(self, rows: IntArray) -> None:
@@ -279,7 +289,7 @@ class Refinement:
         predicted = self._predicted(rows, of_row, clusters.near)
         alone = np.isnan(predicted).any(axis=1)
         self.value[rows] = predicted
-        self._make_anchors(rows[alone])
+        self._make_anchors(rows[alone], self.rounds)
         self._compute(rows[alone])
         if (self.state == UNKNOWN).any():
             self.held_back_error = float(clusters.error.max())
