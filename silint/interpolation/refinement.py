@@ -31,7 +31,7 @@ _COVERED = 0.5
 _MARGIN = 0.5
 # Of the points: with so many computed, halving clusters that still fail would spare less than it costs.
 _MOST_SHARE = 0.4
-# Rounds after which clusters that still fail are computed whole, too.
+# Rounds, in the last of which clusters that still fail are computed whole.
 _MOST_ROUNDS = 20
 
 
@@ -120,7 +120,8 @@ class Refinement:
             new = new.take(failed)
             self._make_anchors(new.check, self.rounds + 1)
             share = np.count_nonzero(self.state) / len(self.state)
-            if self.rounds < _MOST_ROUNDS and share < _MOST_SHARE:
+            last = self.rounds == _MOST_ROUNDS
+            if share < _MOST_SHARE and not last:
                 new = self._clusters(*self._halves(new.begin, new.end))
             else:
                 rest, _ = self._unknown(new)
@@ -128,6 +129,10 @@ class Refinement:
                 self._compute(rest)
                 new = new.take(np.zeros(0, np.int64))
             self._report(new)
+            if last:
+                # The others are as they were judged: their anchors stay those that they were judged with.
+                new = _joined([*settled, new])
+                break
         self._predict_rest(new)
 
     def _first_clusters(self) -> _Clusters:
