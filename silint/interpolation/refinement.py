@@ -134,6 +134,7 @@ class Refinement:
                 new = _joined([*settled, new])
                 break
         self._predict_rest(new)
+        self.progress(len(self.x), len(self.x))
 
     def _first_clusters(self) -> _Clusters:
         """Surfaces, halved until they are small."""
