@@ -105,6 +105,7 @@ def bake(
             "write": written - integrated,
         },
         "peak_memory_bytes": peak_memory(),
+        **({"interpolation": integrals.interpolation} if integrals.interpolation is not None else {}),
         "diagnostics": integrals.diagnostics,
     }
 
@@ -174,6 +175,7 @@ def _bake(
         **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
         **({"self_only": True} if asked.self_only else {}),
         **({"groups": list(asked.groups)} if asked.groups else {}),
+        **({"interpolate": asked.interpolate} if asked.interpolate is not None else {}),
         **limits,
     }
     baked = Baked(

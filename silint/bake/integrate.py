@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,21 +14,29 @@ from silint.bake.options import BakeOptions, Progress
 from silint.bake.targets import Sites
 from silint.finder import add_counts
 from silint.integrator import SilhouetteIntegrator
+from silint.interpolation import Interpolated, interpolate
 from silint.scene import Scene
 
 __all__ = ["Integrals", "blocking_scene", "integrate"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_BOUNDS = {"ao": (0.0, 1.0), "sky": (0.0, 1.0), "irradiance": (0.0, np.inf)}
 
 
 class Integrals(NamedTuple):
     """What was integrated, and what was counted meanwhile."""
 
-    value: npt.NDArray[np.float64]
+    value: FloatArray
     """(n,) or (n, 3), a row for each of the sites; those without a normal see everything (ambient
     occlusion, sky) or nothing."""
     diagnostics: dict[str, int]
     """The sum of all integrators' counts; two-sided points count twice."""
     build_seconds: float
     """Of the time, what went into hierarchies."""
+    interpolation: dict[str, Any] | None
+    """Where points were interpolated: how many were computed, how many of these held back, and the largest
+    error of those."""
 
 
 def integrate(
@@ -67,31 +76,63 @@ def integrate(
     options |= limits
 
     value = np.full((len(sites.points), *shape), without_normal)
-    sides = (1.0, -1.0) if asked.two_sided else (1.0,)
-    total, done, build_seconds = len(sides) * int(np.count_nonzero(sites.valid)), 0, 0.0
-    counts: dict[str, int] | None = None
+    total, done, build_seconds = int(np.count_nonzero(sites.valid)), 0, 0.0
+    counts: dict[str, int] = {}
+    told: list[Interpolated] = []
     for part, rows in _parts(source, occluders, sites):
         began = time.perf_counter()
         integrator = part if isinstance(part, SilhouetteIntegrator) else SilhouetteIntegrator(part)
         build_seconds += time.perf_counter() - began
-        found = []
-        for side in sides:
-            result = getattr(integrator, name)(
-                sites.points[rows],
-                side * sites.normals[rows],
-                full_output=True,
-                progress=_share(progress, done, total),
-                **options,
+        query = partial(getattr(integrator, name), full_output=True, **options)
+        shared = _share(progress, done, total)
+        if asked.interpolate is None or not len(rows):
+            value[rows] = _of_sides(
+                query, asked.two_sided, sites.points[rows], sites.normals[rows], counts, shared
             )
-            found.append(result.value)
-            done += len(rows)
-            if counts is None:
-                counts = dict(result.diagnostics)
-            else:
-                add_counts(counts, result.diagnostics)
-        value[rows] = found[0] if len(found) == 1 else 0.5 * (found[0] + found[1])
-    assert counts is not None
-    return Integrals(value, counts, build_seconds)
+        else:
+            assert sites.surfaces is not None
+            found = interpolate(
+                partial(_of_sides, query, asked.two_sided, counts=counts),
+                sites.points[rows],
+                sites.normals[rows],
+                asked.interpolate,
+                surfaces=sites.surfaces[rows],
+                bounds=_BOUNDS.get(asked.quantity),
+                progress=shared,
+            )
+            value[rows] = found.value
+            told.append(found)
+        done += len(rows)
+    return Integrals(value, counts, build_seconds, _summary(told) if asked.interpolate is not None else None)
+
+
+def _of_sides(
+    query: Any,
+    two_sided: bool,
+    points: FloatArray,
+    normals: FloatArray,
+    counts: dict[str, int],
+    progress: Progress | None = None,
+) -> FloatArray:
+    """Values for n, or their mean with those for -n; what is counted goes to `counts`."""
+    found: list[FloatArray] = []
+    sides = (1.0, -1.0) if two_sided else (1.0,)
+    for side in sides:
+        result = query(points, side * normals, progress=_side(progress, len(found), len(sides)))
+        found.append(result.value)
+        if counts:
+            add_counts(counts, result.diagnostics)
+        else:
+            counts.update(result.diagnostics)
+    mean: FloatArray = found[0] if len(found) == 1 else 0.5 * (found[0] + found[1])
+    return mean
+
+
+def _summary(found: Sequence[Interpolated]) -> dict[str, Any]:
+    """What interpolations tell, of all parts."""
+    names = ("points", "distinct", "computed", "held_back")
+    counts: dict[str, Any] = {name: sum(part.diagnostics[name] for part in found) for name in names}
+    return {**counts, "held_back_error": max((part.held_back_error for part in found), default=0.0)}
 
 
 def blocking_scene(parts: Sequence[Scene], rows: npt.NDArray[np.int64] | None = None) -> Scene:
@@ -143,3 +184,10 @@ def _share(progress: Progress | None, before: int, total: int) -> Progress | Non
     if progress is None:
         return None
     return lambda done, _: progress(before + done, total)
+
+
+def _side(progress: Progress | None, side: int, sides: int) -> Progress | None:
+    """Progress of one side of points as that of all of them."""
+    if progress is None:
+        return None
+    return lambda done, n: progress((side * n + done) // sides, n)

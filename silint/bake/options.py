@@ -78,6 +78,9 @@ class BakeOptions:
     ground : float, "auto" or array_like (4,), optional
         A ground that blocks: its height along `up`, "auto" for that of the lowest vertex of all meshes, or a
         plane as in `silint.Limits`.
+    interpolate : float, optional
+        Compute some points only and predict the others from them, such that held-back points are predicted
+        within this; see `silint.interpolation`.
 
     Raises
     ------
@@ -103,6 +106,7 @@ class BakeOptions:
     spread: float = 90.0
     backfaces: str = "block"
     ground: float | str | npt.ArrayLike | None = None
+    interpolate: float | None = None
 
     def __post_init__(self) -> None:
         choice(self.quantity, "quantity", QUANTITIES)
@@ -111,6 +115,8 @@ class BakeOptions:
             positive_int(self.isolines, "isolines")
         if self.tolerance is not None:
             positive_number(self.tolerance, "tolerance")
+        if self.interpolate is not None:
+            positive_number(self.interpolate, "interpolate")
         from silint.evaluate import METHODS  # and numba with it
 
         choice(self.method, "method", METHODS)

@@ -33,6 +33,8 @@ class Sites(NamedTuple):
     """(n,) where there is a normal."""
     groups: IntArray | None = None
     """(n,) which of the scene's groups a point is on; None unless groups are occluded by themselves alone."""
+    surfaces: npt.NDArray[np.int64] | None = None
+    """(n,) which smooth surface a point is on; None unless points are interpolated."""
 
 
 class Targets(NamedTuple):
@@ -107,15 +109,27 @@ def targets(scene: Scene, asked: BakeOptions, label: str) -> Targets:
             if scene.normals is not None and asked.normals != "smooth":
                 computed = int(np.count_nonzero(valid & ~scene.own_normals[rows]))
     from_file = scene.normals is not None and asked.normals != "smooth"
+    points = vertices if asked.per == "vertex" else centers
+    normals = np.where(valid[:, None], normals, 0.0)
+    surfaces = None
+    if asked.interpolate is not None:
+        from silint.interpolation import face_surfaces, smooth_surfaces  # and numba with it
+
+        if asked.per == "vertex":
+            surfaces = smooth_surfaces(points, normals, new_faces)
+        else:
+            welded = scene.welding.vertex_map[faces]
+            surfaces = face_surfaces(welded, np.repeat(normals[:, None], 3, axis=1))
     used = len(np.unique(rows))
     return Targets(
         vertices,
         new_faces,
         Sites(
-            vertices if asked.per == "vertex" else centers,
-            np.where(valid[:, None], normals, 0.0),
+            points,
+            normals,
             valid,
             of_row if asked.per == "vertex" else of_face,
+            surfaces,
         ),
         "flat" if flat else "file" if from_file else "smooth",
         computed,

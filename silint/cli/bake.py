@@ -24,6 +24,7 @@ _OF_VERTICES = ("per", "normals")
 _NOT_OF_SH = (
     *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
     *("occluder", "self_only", "group", "max_distance", "falloff", "spread", "backfaces", "ground"),
+    "interpolate",
 )
 
 
@@ -77,6 +78,10 @@ def bake_command(
         str | None,
         typer.Option(metavar="HEIGHT|auto", help="A plane that blocks, along --up; auto: below all."),
     ] = None,
+    interpolate: Annotated[
+        float | None,
+        typer.Option(metavar="TOL", help="Compute some points, predict the rest; held-back ones within TOL."),
+    ] = None,
     texture: Annotated[int | None, typer.Option(metavar="N", help="Bake a texture of N x N texels.")] = None,
     uv: Annotated[
         str, typer.Option(help="Of textures: file, unwrap, or auto: the file's coordinates where they fit.")
@@ -122,6 +127,7 @@ def bake_command(
         "spread": spread,
         "backfaces": backfaces,
         "ground": _number(ground),
+        "interpolate": interpolate,
     }
     with progress_bar("points") as bar:
         from silint.environment import Environment
@@ -174,6 +180,12 @@ def _print_summary(summary: dict[str, Any]) -> None:
             print(f"{summary['computed_normals']:,} vertices have no normal in the file and got a smooth one")
         if summary["split_vertices"]:
             print(f"{summary['split_vertices']:,} vertices are new, where faces or groups shared one")
+    if "interpolation" in summary:
+        told = summary["interpolation"]
+        print(
+            f"computed {told['computed']:,} of {told['points']:,} points; "
+            f"held-back error at most {told['held_back_error']:.2g}"
+        )
     print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
     print_costs(summary)
     print_files(summary["files"])

@@ -36,7 +36,7 @@ MAX_SIZE = 8192
 # Options of a bake into vertices that mean the same here.
 _SHARED = (
     *("occluders", "self_only", "groups", "two_sided"),
-    *("max_distance", "falloff", "spread", "backfaces", "ground"),
+    *("max_distance", "falloff", "spread", "backfaces", "ground", "interpolate"),
 )
 
 
@@ -96,8 +96,9 @@ def bake_texture(
     progress : callable, optional
         Called with (points done, points in all) from time to time.
     **options
-        occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces and ground: see
-        `silint.bake.BakeOptions`. Coordinates may overlap between groups that are baked one by one.
+        occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces, ground and
+        interpolate: see `silint.bake.BakeOptions`. Coordinates may overlap between groups that are baked
+        one by one.
 
     Returns
     -------
@@ -150,7 +151,13 @@ def bake_texture(
     times.append(time.perf_counter())
     of_face = scene.face_groups if asked.self_only else None
     groups = None if of_face is None else of_face[surface.texels.sample_face]
-    sites = Sites(points, normals, np.ones(len(points), bool), groups)
+    surfaces = None
+    if asked.interpolate is not None:
+        from silint.interpolation import SAME_NORMAL, face_surfaces
+
+        of_surface = face_surfaces(surface.welded, surface.corners.normals, SAME_NORMAL)
+        surfaces = of_surface[surface.texels.sample_face]
+    sites = Sites(points, normals, np.ones(len(points), bool), groups, surfaces)
     found = integrate(scene, occluders, sites, asked, limits, progress)
     times += [times[-1] + found.build_seconds, time.perf_counter()]
     texels = surface.texels
@@ -177,6 +184,7 @@ def bake_texture(
         **({"occluders": [occluder.name for occluder in occluders]} if occluders else {}),
         **({"self_only": True} if asked.self_only else {}),
         **({"groups": list(asked.groups)} if asked.groups else {}),
+        **({"interpolate": asked.interpolate} if asked.interpolate is not None else {}),
         **limits,
         "uv": surface.uv_source,
     }
@@ -217,6 +225,7 @@ def bake_texture(
         "files": [{"path": os.fspath(output), "bytes": target.stat().st_size}],
         "seconds": dict(zip(steps, np.diff(times).tolist(), strict=True)),
         "peak_memory_bytes": peak_memory(),
+        **({"interpolation": found.interpolation} if found.interpolation is not None else {}),
         "diagnostics": found.diagnostics,
     }
 
