@@ -72,7 +72,8 @@ def cap_on_line(a, t, q):
     g = np.sqrt(square)
     # theta_0 -+ arccos(q / rho), of which the half-plane has those whose sine is positive.
     start, end = t * q - a * g, t * q + a * g
-    if start <= 0.0 and end <= 0.0:
+    # Both are 0 where the cap is all of the line.
+    if start <= 0.0 and end <= 0.0 and not (start == end and t > 0.0):
         return -np.inf, np.inf
     high = (a * q + t * g) / start if start > 0.0 else np.inf
     low = (a * q - t * g) / end if end > 0.0 else -np.inf
