@@ -72,7 +72,8 @@ def cap_on_line(a, t, q):
     g = np.sqrt(square)
     # theta_0 -+ arccos(q / rho), of which the half-plane has those whose sine is positive.
     start, end = t * q - a * g, t * q + a * g
-    if start <= 0.0 and end <= 0.0:
+    # Both are 0 where the cap is all of the line.
+    if start <= 0.0 and end <= 0.0 and not (start == end and t > 0.0):
         return -np.inf, np.inf
     high = (a * q + t * g) / start if start > 0.0 else np.inf
     low = (a * q - t * g) / end if end > 0.0 else -np.inf
@@ -80,17 +81,29 @@ def cap_on_line(a, t, q):
 
 
 @njit(**INNER)
-def crosses_near(a, e, c, s, reach):
-    """Whether the edge from a to a + e, in the frame, crosses the half-plane of a line within a distance.
-
-    From the edge and the line alone: all faces of an edge agree.
-    """
+def crossing(a, e, c, s):
+    """Where the edge from a to a + e, in the frame, crosses the half-plane of a line; a point of the edge."""
     x = (s * a[0] - c * a[1]) / (c * e[1] - s * e[0])
     # Along the half-plane it may be anything, or NaN; but it has to lie on the edge.
     x = x if x > 0.0 else 0.0
     x = x if x < 1.0 else 1.0
-    t, m, z = a[0] + x * e[0], a[1] + x * e[1], a[2] + x * e[2]
-    return t * t + m * m + z * z < reach * reach
+    return a[0] + x * e[0], a[1] + x * e[1], a[2] + x * e[2]
+
+
+@njit(**INNER)
+def is_near(t, m, a, reach):
+    """Whether what lies at (t, m, a) from the shade point counts."""
+    return t * t + m * m + a * a < reach * reach
+
+
+@njit(**INNER)
+def crosses_near(a, e, c, s, reach):
+    """Whether an edge crosses the half-plane of a line within a distance.
+
+    From the edge and the line alone: all faces of an edge agree.
+    """
+    t, m, z = crossing(a, e, c, s)
+    return is_near(t, m, z, reach)
 
 
 @njit(**INNER)

@@ -88,6 +88,62 @@ def tile_mask(nodes, block, tile):
 
 
 @njit(**FILTER)
+def near_mask(nodes, block, tile):
+    """Lanes of a block of nodes whose boxes come within reach of a point of the tile."""
+    base = np.uint64(block) * np.uint64(BLOCK)
+    px, py, pz = tile[0], tile[1], tile[2]
+    sx, sy, sz = tile[3] + tile[12], tile[4] + tile[12], tile[5] + tile[12]
+    square = tile[13]
+    mask = np.uint32(0)
+    for i in range(_UW):
+        j = base + i
+        x = abs(nodes[j + _CX] - px) - (nodes[j + _HX] + sx)
+        y = abs(nodes[j + _CY] - py) - (nodes[j + _HY] + sy)
+        z = abs(nodes[j + _CZ] - pz) - (nodes[j + _HZ] + sz)
+        x, y, z = x if x > _ZERO else _ZERO, y if y > _ZERO else _ZERO, z if z > _ZERO else _ZERO
+        mask |= np.uint32(not (x * x + y * y + z * z > square)) << np.uint32(i)
+    return np.int64(mask)
+
+
+@njit(**FILTER)
+def near_edge_mask(edges, first, x, y, z, sx, sy, sz, square):
+    """Of 16 candidates from `first` on, those whose boxes come nearer than the root of `square` to a box.
+
+    The box has the centre (x, y, z) and half widths that hold what vertices are off by.
+    """
+    base = np.uint64(first)
+    mask = np.uint32(0)
+    for i in range(_UW):
+        j = base + i
+        ax, ay, az = edges[j + _VX] - x, edges[j + _VY] - y, edges[j + _VZ] - z
+        bx, by, bz = edges[j + _WX] - x, edges[j + _WY] - y, edges[j + _WZ] - z
+        # How far all of the edge lies to either side, the larger of both.
+        low, high = ax if ax < bx else bx, -ax if -ax < -bx else -bx
+        x0 = (low if low > high else high) - sx
+        low, high = ay if ay < by else by, -ay if -ay < -by else -by
+        y0 = (low if low > high else high) - sy
+        low, high = az if az < bz else bz, -az if -az < -bz else -bz
+        z0 = (low if low > high else high) - sz
+        x0, y0, z0 = x0 if x0 > _ZERO else _ZERO, y0 if y0 > _ZERO else _ZERO, z0 if z0 > _ZERO else _ZERO
+        mask |= np.uint32(not (x0 * x0 + y0 * y0 + z0 * z0 > square)) << np.uint32(i)
+    return np.int64(mask)
+
+
+@njit(**FILTER)
+def near_packet_mask(packets, block, q):
+    """Lanes of a block of packets that come within reach of a shade point."""
+    base = np.uint64(block) * np.uint64(PACKET_BLOCK)
+    px, py, pz, slack, reach = q[0], q[1], q[2], q[12], q[14]
+    mask = np.uint32(0)
+    for i in range(_UW):
+        j = base + i
+        x, y, z = packets[j] - px, packets[j + _UW] - py, packets[j + _U2] - pz
+        most = packets[j + _U3] + slack + reach
+        mask |= np.uint32(not (x * x + y * y + z * z > most * most)) << np.uint32(i)
+    return np.int64(mask)
+
+
+@njit(**FILTER)
 def tile_edge_mask(edges, bundle, x, y, z, radius, tile, decoded):
     """Edges of a bundle, with its centre at (x, y, z) from that of the tile, that some point may need.
 

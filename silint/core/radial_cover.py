@@ -85,7 +85,7 @@ def _cover(
     rounding = side_rounding(p)
     left = n_lines
     blocks, bundles, crossings, clipped = 0, 0, 0, 0
-    least = squares.min()
+    least, most, all_near = squares.min(), squares.max(), reach.min() ** 2
     top = 1 if n_bundles > 0 else 0
     # A row is a node: level (-1 a bundle), number, first line, lines; distance, lowest and highest key.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = len(levels) - 2, 0, 0, n_lines
@@ -132,8 +132,8 @@ def _cover(
                         cut_lines,
                         n_cuts,
                     )
-                if limited:
-                    clipped += int(corner_distances[i] > least)
+                if limited and corner_distances[i] * (1.0 + 1e-9) >= all_near:
+                    clipped += 1
                     n_cuts = keep_near(
                         face_planes,
                         planes,
@@ -164,8 +164,9 @@ def _cover(
             mask &= mask - 1
             first, count = ranges[i], ranges[WIDTH + i]
             low, high = seen[WIDTH + i], seen[2 * WIDTH + i]
-            if limited and not comes_near(seen[i], squares, first, count):
-                continue
+            if limited and seen[i] >= least:
+                if seen[i] >= most or not comes_near(seen[i], squares, first, count):
+                    continue
             if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
                 continue
             # The nearest on top.

@@ -15,11 +15,11 @@ from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
-from silint.core.face_view import N_SEEN, N_VIEW, set_view
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 from silint.core.sphere_cuts import cross_sphere, new_scratch
+from silint.core.sphere_search import find_faces, gather_faces, new_face_search
 from silint.core.zenith import near_zenith_counts, zenith_count
 
 # Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
@@ -133,22 +133,25 @@ def _sweep_tiles(
     count = np.empty(n_lines, np.int32)
     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
     found = np.empty((4 * TILE * n_lines, 2))
-    at_zenith, limited = np.empty(n_lines, np.int32), reach.max() < np.inf
-    view, scratch = np.empty(N_VIEW, np.float32), new_scratch(N_SEEN, n_lines)
-    nodes_left = np.empty((WIDTH * len(faces.levels), 2), np.int32)
+    at_zenith, farthest = np.empty(n_lines, np.int32), reach.max()
+    limited = farthest < np.inf
+    sphere, scratch = new_face_search(np.int64(1), len(faces.levels)), new_scratch(n_lines)
+    shell, sectors = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
-        set_tile(points, normals, tile_first, tile_last, tile)
+        set_tile(points, normals, tile_first, tile_last, tile, farthest)
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
             frame = frames[i]
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
-            set_point(p, n, across, over, n_lines / (2.0 * np.pi), tile, q[i - tile_first])
+            set_point(p, n, across, over, n_lines / (2.0 * np.pi), tile, q[i - tile_first], farthest)
         search = search_tile(
             search, trees, tile, q[: tile_last - tile_first], narrow, tally[tile_first:tile_last]
         )
+        if limited:
+            sphere = gather_faces(sphere, faces, tile, reach, tally[tile_first])
 
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
@@ -164,10 +167,11 @@ def _sweep_tiles(
             while which < 2 + int(limited):
                 tree = trees[which % 2]
                 if which == 2:
-                    set_view(p, n, frame, n_lines, view)
+                    n_faces = find_faces(sphere, q[i - tile_first], reach, shell, sectors, tally[i])
                     fits = cross_sphere(
                         geometry,
-                        faces,
+                        sphere.found,
+                        n_faces,
                         p,
                         n,
                         frame,
@@ -175,8 +179,6 @@ def _sweep_tiles(
                         horizon,
                         reach,
                         rounding,
-                        view,
-                        nodes_left,
                         scratch,
                         count,
                         key,

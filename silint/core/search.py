@@ -26,6 +26,9 @@ from silint.core.filters import (
     WRONG,
     edge_mask,
     line_mask,
+    near_edge_mask,
+    near_mask,
+    near_packet_mask,
     octahedral_mask,
     packet_mask,
     tile_edge_mask,
@@ -36,11 +39,13 @@ from silint.core.lanes import WIDTH, lowest
 
 TILE = 32  # shade points that share a traversal
 
-# A tile: centre and half width of its points and of its normals, and the slack of float32.
-POINT, POINT_HALF, TILE_NORMAL, TILE_NORMAL_HALF, TILE_SLACK, N_TILE = 0, 3, 6, 9, 12, 13
+# A tile: centre and half width of its points and of its normals, the slack of float32, and the square of the
+# distance beyond which nothing is looked for.
+POINT, POINT_HALF, TILE_NORMAL, TILE_NORMAL_HALF, TILE_SLACK, TILE_REACH, N_TILE = 0, 3, 6, 9, 12, 13, 14
 
-# What the point filters read: p relative to the tile's centre, n, T, M, and slack, and sectors a radian.
-P_POINT, P_NORMAL, P_T, P_M, P_SLACK, P_PER_RADIAN, N_POINT = 0, 3, 6, 9, 12, 13, 14
+# What the point filters read: p relative to the tile's centre, n, T, M, slack, sectors a radian, and the
+# distance.
+P_POINT, P_NORMAL, P_T, P_M, P_SLACK, P_PER_RADIAN, P_REACH, N_POINT = 0, 3, 6, 9, 12, 13, 14, 15
 
 # What a search holds of each packet that it still considers: the packet, the lines that it may reach, and
 # the edges that are left of it. Packets are taken some blocks at a time.
@@ -52,6 +57,8 @@ N_SIDES = _BLOCKS_AT_ONCE * WIDTH * WIDTH
 
 # float32 keeps sums of a few products of numbers below 1 to well within this.
 _SLACK = 2.0**-20
+# Distances, of float32, are taken larger by a share of them, and such that their squares are above 0.
+_REACH_MARGIN, _LEAST_SQUARE = 1e-5, 1e-36
 # A packet that may reach more lines than this is not tested against them: most of its edges cross one.
 FEW_LINES = 12
 
@@ -60,8 +67,8 @@ _F = np.float32
 
 
 @njit(**INNER)
-def set_tile(points, normals, first, last, tile):
-    """Bounds of the points [first, last) and of their normals."""
+def set_tile(points, normals, first, last, tile, reach=np.inf):
+    """Bounds of the points [first, last) and of their normals; nothing is needed from `reach` on."""
     size = 1.0
     for i in range(3):
         low, high = np.inf, -np.inf
@@ -75,10 +82,11 @@ def set_tile(points, normals, first, last, tile):
         tile[TILE_NORMAL + i] = 0.5 * (normal_low + normal_high)
         tile[TILE_NORMAL_HALF + i] = 0.5 * (normal_high - normal_low)
     tile[TILE_SLACK] = 4.0 * _SLACK * size
+    tile[TILE_REACH] = (reach * (1.0 + _REACH_MARGIN)) ** 2 + _LEAST_SQUARE
 
 
 @njit(**INNER)
-def set_point(p, n, across, over, per_radian, tile, q):
+def set_point(p, n, across, over, per_radian, tile, q, reach=np.inf):
     """What the filters need to know of a shade point.
 
     Parameters
@@ -87,6 +95,8 @@ def set_point(p, n, across, over, per_radian, tile, q):
         T and M of the frame.
     per_radian : float
         Sectors a radian.
+    reach : float
+        The distance from which on nothing is needed.
     """
     size = 1.0
     for i in range(3):
@@ -95,6 +105,7 @@ def set_point(p, n, across, over, per_radian, tile, q):
         size = max(size, abs(p[i]))
     q[P_SLACK] = _SLACK * size
     q[P_PER_RADIAN] = per_radian
+    q[P_REACH] = reach * (1.0 + _REACH_MARGIN) + np.sqrt(_LEAST_SQUARE)
 
 
 @njit(**INNER)
@@ -113,13 +124,16 @@ def _gather_candidates(tree, tile, stack, candidates, edge_ids, count, tally):
     if n_edges == 0:
         return count
     n_bundles = (n_edges + WIDTH - 1) // WIDTH
+    limited = tile[TILE_REACH] < np.inf
     decoded = np.empty(CANDIDATE_BLOCK, np.float32)
     top, blocks, tested = 1, 0, 0
     stack[0, 0], stack[0, 1] = len(levels) - 2, 0
     while top > 0:
         top -= 1
         level, block = stack[top, 0], stack[top, 1]
-        mask = tile_mask(nodes, levels[level] + block, tile)
+        mask = near_mask(nodes, levels[level] + block, tile) if limited else -1
+        if mask != 0:
+            mask &= tile_mask(nodes, levels[level] + block, tile)
         blocks += 1
         while mask != 0:
             lane = lowest(mask)
@@ -139,6 +153,12 @@ def _gather_candidates(tree, tile, stack, candidates, edge_ids, count, tally):
             radius = nodes[base + RADIUS * WIDTH]
             hits = tile_edge_mask(edges, child, x, y, z, radius, tile, decoded)
             tested += WIDTH
+            if limited and hits != 0:
+                off = tile[TILE_SLACK] + _F(2.0) * decoded[WRONG * WIDTH]
+                sx, sy, sz = tile[POINT_HALF], tile[POINT_HALF + 1], tile[POINT_HALF + 2]
+                hits &= near_edge_mask(
+                    decoded, 0, _F(0.0), _F(0.0), _F(0.0), sx + off, sy + off, sz + off, tile[TILE_REACH]
+                )
             while hits != 0:
                 lane = lowest(hits)
                 hits &= hits - 1
@@ -337,6 +357,8 @@ def _reaching_packets(packets, first_block, last_block, first_packet, last_packe
     n = 0
     for block in range(first_block, last_block):
         mask = packet_mask(packets, block, q, reach) if len(lines) > 0 else octahedral_mask(packets, block, q)
+        if q[P_REACH] < np.inf:
+            mask &= near_packet_mask(packets, block, q)
         while mask != 0:
             lane = lowest(mask)
             mask &= mask - 1
@@ -352,10 +374,19 @@ def _reaching_packets(packets, first_block, last_block, first_packet, last_packe
 def _contour_packets(packets, candidates, q, n, work, side):
     """Of n packets, those with edges that may be contours above the horizon, and their number."""
     left = 0
+    reach = q[P_REACH]
+    limited = reach < np.inf
     for i in range(n):
         row, to = i * _N_ROW, left * _N_ROW
         packet = work[row + _PACKET]
-        work[to + _EDGES] = hits = edge_mask(candidates, packet, _error(packets, packet), q, side, left)
+        off = _error(packets, packet)
+        hits = edge_mask(candidates, packet, off, q, side, left)
+        if limited and hits != 0:
+            off += q[P_SLACK]
+            hits &= near_edge_mask(
+                candidates, packet * CANDIDATE_BLOCK, q[0], q[1], q[2], off, off, off, reach * reach
+            )
+        work[to + _EDGES] = hits
         work[to + _PACKET] = packet
         work[to + _FIRST_LINE], work[to + _LINES] = work[row + _FIRST_LINE], work[row + _LINES]
         left += hits != 0

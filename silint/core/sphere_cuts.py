@@ -11,58 +11,18 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from silint.core.caps import cap_on_line, crosses_near, meets_axis_near, plane_towards
+from silint.core.caps import cap_on_line, crossing, is_near, meets_axis_near, plane_towards
 from silint.core.contour import SPHERE
-from silint.core.cuts import N_KEYS, N_SPANS, farthest_corners, project_faces
-from silint.core.face_bundles import BLOCK, CENTRE, HALF
-from silint.core.face_view import box_mask
 from silint.core.jit import INNER
-from silint.core.lanes import WIDTH, lowest
 from silint.core.radial import edge_circle, in_frame, local_vertex, sector, span
 from silint.core.zenith import covers_zenith
 
 
 @njit(**INNER)
-def _straddles(nodes, base, p, near, reach, least, most, first, count):
-    """Whether a box has both less and more than the reach of one of `count` lines, from its squared near.
-
-    `least` and `most` are the squares of the shortest and the longest reach.
-    """
-    far = 0.0
-    for axis in range(3):
-        x = abs(np.float64(nodes[base + (CENTRE + axis) * WIDTH]) - p[axis])
-        x += np.float64(nodes[base + (HALF + axis) * WIDTH])
-        far += x * x
-    # Bounds of float32, with a margin of their rounding.
-    near, far = near * (1.0 - 1e-5), far * (1.0 + 1e-5)
-    if near >= most or far <= least:
-        return False
-    if least == most:
-        return True
-    n_lines = len(reach)
-    for i in range(first, first + count):
-        r = reach[i if i < n_lines else i - n_lines]
-        if near < r * r and far > r * r:
-            return True
-    return False
-
-
-@njit(**INNER)
-def _reaches_out(farthest, reach, first, count):
-    """Whether a face, by the squared distance of its farthest corner, passes the reach of its lines."""
-    farthest *= 1.0 + 1e-9
-    n_lines = len(reach)
-    for i in range(first, first + count):
-        r = reach[i if i < n_lines else i - n_lines]
-        if farthest > r * r:
-            return True
-    return False
-
-
-@njit(**INNER)
 def cross_sphere(
     geometry,
-    bundles,
+    face_ids,
+    n_faces,
     p,
     n,
     frame,
@@ -70,8 +30,6 @@ def cross_sphere(
     horizon,
     reach,
     rounding,
-    view,
-    stack,
     scratch,
     count,
     key,
@@ -83,13 +41,10 @@ def cross_sphere(
 
     Parameters
     ----------
-    bundles : FaceBundles
-        With corners.
-    view : (N_VIEW,) float32
-        See `face_view.set_view`.
-    stack : (depth * 16, 2) int32
+    face_ids : (n_faces or more,) int32
+        Those of `sphere_search.find_faces`: all that may. More of them change nothing.
     scratch : tuple
-        For `face_view.box_mask` and for a face; see `new_scratch`.
+        See `new_scratch`.
     count, key, gain, capacity
         As for `crossings.cross_edges`.
 
@@ -97,64 +52,29 @@ def cross_sphere(
     -------
     False where a line has no room left.
     """
-    n_lines = len(lines)
-    seen, ranges, keys, spans, farthest, found, first_key, first_near = scratch
-    least, most = reach.min(), reach.max()
-    least, most = least * least, most * most
-    top = 1 if len(bundles.order) > 0 else 0
-    stack[0, 0], stack[0, 1] = len(bundles.levels) - 2, 0
-    work = 0
-    while top > 0:
-        top -= 1
-        level, number = stack[top, 0], stack[top, 1]
-        work += 1
-        if level < 0:
-            mask = project_faces(bundles.corners, number, p, n, frame, n_lines, keys, spans)
-            if mask != 0:
-                farthest_corners(bundles.corners, number, p[0], p[1], p[2], farthest)
-            while mask != 0:
-                lane = lowest(mask)
-                i = number * WIDTH + lane
-                mask &= mask - 1
-                if not _reaches_out(farthest[lane], reach, spans[lane], spans[WIDTH + lane]):
-                    continue
-                cut = _cross_face(
-                    geometry.vertices,
-                    geometry.faces,
-                    geometry.face_planes,
-                    geometry.planes,
-                    geometry.plane_errors,
-                    bundles.order[i],
-                    p,
-                    n,
-                    frame,
-                    lines,
-                    horizon,
-                    reach,
-                    rounding,
-                    found,
-                    first_key,
-                    first_near,
-                    count,
-                    key,
-                    gain,
-                    capacity,
-                )
-                if cut < 0:
-                    return False
-                work += cut
-            continue
-        block = bundles.levels[level] + number
-        mask = box_mask(bundles.nodes, block, view, n_lines, seen, ranges)
-        while mask != 0:
-            i = lowest(mask)
-            mask &= mask - 1
-            base = block * BLOCK + i
-            near = np.float64(seen[i])
-            if _straddles(bundles.nodes, base, p, near, reach, least, most, ranges[i], ranges[WIDTH + i]):
-                stack[top, 0], stack[top, 1] = level - 1, number * WIDTH + i
-                top += 1
-    tally[SPHERE] += work
+    for i in range(n_faces):
+        if not _cross_face(
+            geometry.vertices,
+            geometry.faces,
+            geometry.face_planes,
+            geometry.planes,
+            geometry.plane_errors,
+            face_ids[i],
+            p,
+            n,
+            frame,
+            lines,
+            horizon,
+            reach,
+            rounding,
+            scratch,
+            count,
+            key,
+            gain,
+            capacity,
+        ):
+            return False
+    tally[SPHERE] += n_faces
     return True
 
 
@@ -173,26 +93,31 @@ def _cross_face(
     horizon,
     reach,
     rounding,
-    found,
-    first_key,
-    first_near,
+    scratch,
     count,
     key,
     gain,
     capacity,
 ):
-    """The same for a face: -1 where a line has no room left, else 1 if it comes near."""
+    """The same for a face."""
     n_lines = len(lines)
+    corners, sectors, found, firsts = scratch
+    for i in range(3):
+        t, m, a, height = local_vertex(vertices, faces[f, i], p, n, frame)
+        corners[i, 0], corners[i, 1], corners[i, 2], corners[i, 3] = t, m, a, height
+        sectors[i] = sector(t, m, n_lines)
+    if sectors[0] == sectors[1] and sectors[0] == sectors[2]:
+        return True
     height, toward = plane_towards(face_planes, planes, f, p, frame)
     if height > reach.max():
-        return 0
+        return True
     winding = 0
     for i in range(3):
-        u, v = faces[f, i], faces[f, (i + 1) % 3]
-        ahead = u < v
-        u, v = min(u, v), max(u, v)
-        at, am, aa, a_height = local_vertex(vertices, u, p, n, frame)
-        bt, bm, _, b_height = local_vertex(vertices, v, p, n, frame)
+        j = i + 1 if i < 2 else 0
+        ahead = faces[f, i] < faces[f, j]
+        lower, upper = (i, j) if ahead else (j, i)
+        u, v = faces[f, lower], faces[f, upper]
+        at, am, aa = corners[lower, 0], corners[lower, 1], corners[lower, 2]
         et, em, ea = in_frame(
             vertices[v, 0] - vertices[u, 0],
             vertices[v, 1] - vertices[u, 1],
@@ -200,28 +125,27 @@ def _cross_face(
             frame,
         )
         along, across, turn = edge_circle(at, am, aa, et, em, ea)
-        first, steps, left = span(sector(at, am, n_lines), sector(bt, bm, n_lines), turn, n_lines)
+        first, steps, left = span(sectors[lower], sectors[upper], turn, n_lines)
         winding += steps if left == ahead else -steps
-        above = a_height > 0.0 or b_height > 0.0
-        for j in range(first, first + steps):
-            k = j if j < n_lines else j - n_lines
+        above = corners[lower, 3] > 0.0 or corners[upper, 3] > 0.0
+        for line in range(first, first + steps):
+            k = line if line < n_lines else line - n_lines
             y = along * lines[k, 0] + across * lines[k, 1]
             y = y if above and y > -np.inf else -np.inf
-            near = crosses_near((at, am, aa), (et, em, ea), lines[k, 0], lines[k, 1], reach[k])
+            t, m, z = crossing((at, am, aa), (et, em, ea), lines[k, 0], lines[k, 1])
+            near, t = is_near(t, m, z, reach[k]), t * lines[k, 0] + m * lines[k, 1]
             if found[k] == 0:
-                found[k], first_key[k], first_near[k] = 1, y, near
+                found[k] = 1
+                firsts[k, 0], firsts[k, 1], firsts[k, 2], firsts[k, 3] = y, t, z, near
                 continue
             found[k] = 0
-            if near and first_near[k]:
-                continue
-            if y > first_key[k]:
-                high, high_near, low, low_near = y, near, first_key[k], first_near[k]
-            else:
-                high, high_near, low, low_near = first_key[k], first_near[k], y, near
-            ends = high, high_near, low, low_near
-            if not _cross_segment(ends, height, toward, lines, horizon, reach, k, count, key, gain, capacity):
+            one, other = (y, t, z, near), (firsts[k, 0], firsts[k, 1], firsts[k, 2], firsts[k, 3] != 0.0)
+            high, low = (one, other) if y > firsts[k, 0] else (other, one)
+            if not _cross_segment(
+                high, low, height, toward, lines, horizon, reach, k, count, key, gain, capacity
+            ):
                 found[:] = 0
-                return -1
+                return False
     if winding != 0:
         up = covers_zenith(
             vertices, faces, face_planes, planes, plane_errors, f, p, n, frame, n_lines, rounding
@@ -230,23 +154,44 @@ def _cross_face(
             if found[k] == 0:
                 continue
             found[k] = 0
-            high, high_near, low, low_near = first_key[k], first_near[k], -np.inf, False
+            high = firsts[k, 0], firsts[k, 1], firsts[k, 2], firsts[k, 3] != 0.0
+            # The other end lies where the plane meets the axis, at the nadir or at the zenith.
+            low = -np.inf, 0.0, height / toward[2], False
             if up:
-                high, low, low_near = np.inf, first_key[k], first_near[k]
-                high_near = meets_axis_near(height, toward[2], reach[k])
-            if high_near and low_near:
-                continue
-            ends = high, high_near, low, low_near
-            if not _cross_segment(ends, height, toward, lines, horizon, reach, k, count, key, gain, capacity):
+                at_zenith = meets_axis_near(height, toward[2], reach[k])
+                high, low = (np.inf, 0.0, height / toward[2], at_zenith), high
+            if not _cross_segment(
+                high, low, height, toward, lines, horizon, reach, k, count, key, gain, capacity
+            ):
                 found[:] = 0
-                return -1
-    return 1
+                return False
+    return True
 
 
 @njit(**INNER)
-def _cross_segment(ends, height, toward, lines, horizon, reach, k, count, key, gain, capacity):
-    """Where what a face covers of line k, from `high` down to `low`, begins and ends on the sphere."""
-    high, high_near, low, low_near = ends
+def _comes_near(t, a, u, b, reach):
+    """Whether the segment from (t, a) to (u, b), in the half-plane of a line, comes near the shade point."""
+    x, y = u - t, b - a
+    s = -(t * x + a * y) / (x * x + y * y)
+    s = s if s > 0.0 else 0.0
+    s = s if s < 1.0 else 1.0
+    return is_near(t + s * x, 0.0, a + s * y, reach)
+
+
+@njit(**INNER)
+def _cross_segment(high, low, height, toward, lines, horizon, reach, k, count, key, gain, capacity):
+    """Where what a face covers of line k, between two ends, begins and ends on the sphere.
+
+    An end is its key, where it lies in the half-plane, and whether that is near.
+    """
+    high, high_t, high_a, high_near = high
+    low, low_t, low_a, low_near = low
+    if high_near and low_near:
+        return True
+    # Where no part of a face is near, by points of its edges, it has no say: nothing depends on which of such
+    # faces are looked at.
+    if not high_near and not low_near and not _comes_near(high_t, high_a, low_t, low_a, reach[k]):
+        return True
     t = toward[0] * lines[k, 0] + toward[1] * lines[k, 1]
     start, end = cap_on_line(toward[2], t, height / reach[k])
     if not high_near and not low_near and min(high, start) <= max(low, end):
@@ -269,15 +214,6 @@ def _cross_segment(ends, height, toward, lines, horizon, reach, k, count, key, g
 
 
 @njit(**INNER)
-def new_scratch(n_seen, n_lines):
+def new_scratch(n_lines):
     """What `cross_sphere` writes to."""
-    return (
-        np.empty(n_seen * WIDTH, np.float32),
-        np.empty(2 * WIDTH, np.int32),
-        np.empty(N_KEYS * WIDTH),
-        np.empty(N_SPANS * WIDTH, np.int32),
-        np.empty(WIDTH),
-        np.zeros(n_lines, np.int8),
-        np.empty(n_lines),
-        np.empty(n_lines, np.bool_),
-    )
+    return np.empty((3, 4)), np.empty(3, np.int32), np.zeros(n_lines, np.int8), np.empty((n_lines, 4))

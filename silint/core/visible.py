@@ -41,11 +41,11 @@ class VisibleIntervals(NamedTuple):
 
 
 # What both ways cost a point, in ns per count of the tally: nodes, edges or faces, contours, crossings,
-# snapped sides, and what a distance takes: boxes and faces on its sphere, or faces that reach out of it.
-# Fitted to twelve scenes of 6k to 2.5M triangles, to 30 % (the sphere's to a factor of two, on two scenes);
+# snapped sides, and what a distance takes: faces on its sphere, or faces that reach out of it.
+# Fitted to twelve scenes of 6k to 2.5M triangles, to 30 % (the sphere's to a factor of two, on three scenes);
 # only ratios matter.
-_SWEEP_COST = np.array([0.0, 6.0, 40.0, 52.0, 0.0, 1500.0])
-_COVER_COST = np.array([59.0, 27.0, 0.0, 30.0, 0.0, 150.0])
+_SWEEP_COST = np.array([0.0, 6.0, 40.0, 52.0, 0.0, 750.0])
+_COVER_COST = np.array([59.0, 27.0, 0.0, 30.0, 0.0, 120.0])
 # What covering costs at least: the front layer of a simple scene.
 _LEAST_COVER = 25e3
 # The faces that are probed: some runs of neighbours, as far apart as so many points on the scene would be,
@@ -285,8 +285,7 @@ def prefers_cover(
     if len(order) == 0:
         return False, bundles
     limited = limits.reach < np.inf
-    probes = _PROBES // 2 if limited else _PROBES  # far and limited, either way may cost much
-    starts = (np.arange(probes) * len(order)) // probes
+    starts = (np.arange(_PROBES) * len(order)) // _PROBES
     step = max(len(order) // _PROBE_POINTS, 1)
     faces = order[np.unique(np.minimum(starts[:, None] + step * np.arange(TILE), len(order) - 1))]
     codes = geometry.face_planes[faces]
