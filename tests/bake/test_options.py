@@ -276,7 +276,7 @@ def test_progress_of_many_queries_is_one(here):
         progress=lambda *call: calls.append(call),
     )  # fmt: skip
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
-    assert calls[-1] == (36, 36) and len(Counter(total for _, total in calls)) == 1
+    assert calls[-1] == (18, 18) and len(Counter(total for _, total in calls)) == 1
 
 
 # ------------------------------------------------------------------------------------------------- limits
