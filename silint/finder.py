@@ -306,24 +306,43 @@ class VisibleFinder:
                 size = _next_size(size, _PER_BLOCK, capacity, time.perf_counter() - began)
 
     def arcs(
-        self, p: FloatArray, n: FloatArray, progress: Progress | None
+        self, p: FloatArray, n: FloatArray, progress: Progress | None, limits: LineLimits = UNLIMITED
     ) -> Iterator[tuple[Arcs, npt.NDArray[np.bool_], dict[str, int], npt.NDArray[np.int64]]]:
         """Boundary arcs of groups of points, whether they are certain, what was counted, and the rows.
 
         The arcs of a group stand where those of the next will: they have to be read before it is asked for.
+        Of the limits, they know the distance.
         """
-        done, room = 0, arc_room(0, 0)
+        done = 0
+        for rows, _, within in self._ways(p, limits):
+            reach = within.reach if within.reach < np.inf else None
+            report = _after(progress, done, len(p))
+            for arcs, certain, totals, part in self._arcs_within(p[rows], n[rows], reach, report):
+                yield arcs, certain, totals, rows[part]
+            done += len(rows)
+
+    def _arcs_within(
+        self, p: FloatArray, n: FloatArray, reach: float | None, progress: Progress | None
+    ) -> Iterator[tuple[Arcs, npt.NDArray[np.bool_], dict[str, int], npt.NDArray[np.int64]]]:
+        """The same for points with one distance, None for no limit."""
+        done, room = 0, arc_room(0, 0, reach is not None)
         for points, normals, rows in self._in_tiles(p, n):
             first, size = 0, 4 * _ARCS_PER_BLOCK
             while first < len(rows):
                 group = slice(first, min(first + size, len(rows)))
                 blocks, capacity = -(-(group.stop - first) // _ARCS_PER_BLOCK), self._arc_capacity
                 if room.directions.shape[0] < blocks or room.directions.shape[1] < capacity:
-                    room = arc_room(blocks, capacity)
+                    room = arc_room(blocks, capacity, reach is not None)
                 began = time.perf_counter()
                 with KERNEL_LOCK:
                     found = find_arcs(
-                        self.geometry, self.bundles, points[group], normals[group], _ARCS_PER_BLOCK, room
+                        self.geometry,
+                        self.bundles,
+                        points[group],
+                        normals[group],
+                        _ARCS_PER_BLOCK,
+                        room,
+                        reach,
                     )
                 if isinstance(found, int):
                     # Of the finder, since what was learned once serves all queries; no value depends on it.

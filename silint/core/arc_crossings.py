@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from silint.core.arc_edges import END, GAIN, NORMAL, SIDE, START
+from silint.core.arc_edges import END, GAIN, NARROW, NORMAL, ROUND, SIDE, START
 from silint.core.arc_list import (
     ABOVE,
     ACROSS_M,
@@ -16,13 +16,17 @@ from silint.core.arc_list import (
     STEP,
     VALUE,
     WAS,
+    axis_of,
 )
 from silint.core.boundary import on_edge, show, visible_side
 from silint.core.jit import INNER
 from silint.core.radial import azimuth
+from silint.core.small_circle import circles_meet, onto_circle
 
 # Sine of the angle between planes below which their intersection is looked for between events only.
 _PARALLEL = 1e-6
+# Crossings of circles this far outside of what lies between two events are taken for those at the event.
+_NEAR_EVENT = 1e-6
 # Edges with shorter chords are cut between their ends; others, which ends do not describe, by their planes.
 _SHORT = 1.0
 
@@ -36,7 +40,7 @@ def _chord(e, edges):
 
 
 @njit(**INNER)
-def _crossing(e, f, key_0, key_1, t, m, circles, edges):
+def _crossing(e, f, key_0, key_1, t, m, circles, edges, state, ball):
     """Where two edges cross between two events, the second above (t, m).
 
     The shorter edge is cut by the plane of the longer: a short edge's plane may be known to a few digits
@@ -51,6 +55,9 @@ def _crossing(e, f, key_0, key_1, t, m, circles, edges):
     exact : int
         The edge that it lies on to rounding; it is that near to the other's plane.
     """
+    if ball is not None:
+        if state[e, NARROW] == ROUND or state[f, NARROW] == ROUND:
+            return _circle_crossing(e, f, key_0, key_1, t, m, circles, edges, state, ball)
     chord_e, chord_f = _chord(e, edges), _chord(f, edges)
     g, h = (e, f) if chord_e <= chord_f else (f, e)
     chord = np.sqrt(min(chord_e, chord_f))
@@ -73,18 +80,61 @@ def _crossing(e, f, key_0, key_1, t, m, circles, edges):
     s = 1.0 / np.sqrt(square) if square > 0.0 else 0.0
     x, y, z = s * x, s * y, s * z
     if chord >= _SHORT:
-        x, y, z = _onto(g, x, y, z, edges)
+        x, y, z = _onto(g, x, y, z, edges, state, ball)
     key = azimuth(x, y)
     if not (abs(start - end) > _PARALLEL * chord or key_0 <= key <= key_1) or square == 0.0:
         # Planes that agree say nothing; the second event does.
         key, g = key_1, e
-        x, y, z = on_edge(e, t, m, circles, edges)
+        x, y, z = on_edge(e, t, m, circles, edges, state, ball)
     return key, x, y, z, g
 
 
 @njit(**INNER)
-def _onto(e, x, y, z, edges):
+def circle_offset(e, state, ball):
+    """c of the circle N.w = c of edge e."""
+    return ball.offsets[e] if state[e, NARROW] == ROUND else 0.0
+
+
+@njit(**INNER)
+def _outside(key, key_0, key_1):
+    """How far an azimuth lies outside of an interval."""
+    return max(key_0 - key, key - key_1, 0.0)
+
+
+@njit(**INNER)
+def _circle_crossing(e, f, key_0, key_1, t, m, circles, edges, state, ball):
+    """The same where at least one of both is an arc of a small circle."""
+    c, d = circle_offset(e, state, ball), circle_offset(f, state, ball)
+    meet, first, second = circles_meet(axis_of(e, edges), c, axis_of(f, edges), d)
+    key, other = azimuth(first[0], first[1]), azimuth(second[0], second[1])
+    if _outside(other, key_0, key_1) < _outside(key, key_0, key_1):
+        key, first = other, second
+    if meet and _outside(key, key_0, key_1) < _NEAR_EVENT:
+        x, y, z = onto_circle(axis_of(e, edges), c, first[0], first[1], first[2])
+        return min(max(key, key_0), key_1), x, y, z, e
+    x, y, z = on_edge(e, t, m, circles, edges, state, ball)
+    return key_1, x, y, z, e
+
+
+@njit(**INNER)
+def crossed_twice(e, f, key_0, key_1, edges, state, ball):
+    """An azimuth between two crossings of two edges within an interval; -1 where there are no two.
+
+    Between events that are found in this way, no two edges cross twice.
+    """
+    c, d = circle_offset(e, state, ball), circle_offset(f, state, ball)
+    meet, first, second = circles_meet(axis_of(e, edges), c, axis_of(f, edges), d)
+    key, other = azimuth(first[0], first[1]), azimuth(second[0], second[1])
+    if not meet or not (key_0 < key < key_1 and key_0 < other < key_1):
+        return -1.0
+    return 0.5 * (key + other)
+
+
+@njit(**INNER)
+def _onto(e, x, y, z, edges, state, ball):
     """The direction on the plane of edge e that is nearest to (x, y, z)."""
+    if ball is not None:
+        return onto_circle(axis_of(e, edges), circle_offset(e, state, ball), x, y, z)
     a, b, c = edges[e, NORMAL], edges[e, NORMAL + 1], edges[e, NORMAL + 2]
     off = a * x + b * y + c * z
     x, y, z = x - off * a, y - off * b, z - off * c
@@ -93,7 +143,7 @@ def _onto(e, x, y, z, edges):
 
 
 @njit(**INNER)
-def _cross(i, x, y, z, exact, whole, edges, state, arcs, n):
+def _cross(i, x, y, z, exact, whole, edges, state, ball, arcs, n):
     """The edges at i and i + 1 of the list trade places at (x, y, z), which is exactly on one of them."""
     e, f, w = whole[EDGE, i], whole[EDGE, i + 1], whole[ABOVE, i]
     gain_e, gain_f = whole[STEP, i], whole[STEP, i + 1]
@@ -103,7 +153,7 @@ def _cross(i, x, y, z, exact, whole, edges, state, arcs, n):
     side_f, side_e = visible_side(w, gain_f), visible_side(w + gain_f, gain_e)
     if state[e, SIDE] == side_e and state[f, SIDE] == side_f:
         return n
-    ox, oy, oz = _onto(f if exact == e else e, x, y, z, edges)
+    ox, oy, oz = _onto(f if exact == e else e, x, y, z, edges, state, ball)
     ex, ey, ez = (x, y, z) if exact == e else (ox, oy, oz)
     fx, fy, fz = (ox, oy, oz) if exact == e else (x, y, z)
     n = show(e, side_e, ex, ey, ez, edges, state, arcs, n)
@@ -120,7 +170,7 @@ def _place_in(e, first, whole):
 
 
 @njit(**INNER)
-def _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, edges):
+def _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, edges, state, ball):
     """The pairs of a block that have traded places, and where they cross, nearest first.
 
     Returns
@@ -138,7 +188,7 @@ def _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, 
                 continue
             if found == len(pairs):
                 return -1
-            key, px, py, pz, exact = _crossing(f, e, key_0, key_1, x, y, circles, edges)
+            key, px, py, pz, exact = _crossing(f, e, key_0, key_1, x, y, circles, edges, state, ball)
             c = found
             while c > 0 and places[c - 1, 0] > key:
                 for r in range(5):
@@ -153,7 +203,7 @@ def _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, 
 
 
 @njit(**INNER)
-def _replay(found, first, last, whole, pairs, places, edges, state, arcs, n):
+def _replay(found, first, last, whole, pairs, places, edges, state, ball, arcs, n):
     """Let the pairs of a block cross, from its old order on: the nearest of those that are neighbours.
 
     There always are some, so all get done.
@@ -173,7 +223,7 @@ def _replay(found, first, last, whole, pairs, places, edges, state, arcs, n):
             if i == last or whole[EDGE, i + 1] != pairs[c, 1]:
                 continue
             px, py, pz, exact = places[c, 1], places[c, 2], places[c, 3], int(places[c, 4])
-            n = _cross(i, px, py, pz, exact, whole, edges, state, arcs, n)
+            n = _cross(i, px, py, pz, exact, whole, edges, state, ball, arcs, n)
             pairs[c, 0] = -1
             left -= 1
             done = True
@@ -220,7 +270,9 @@ def _sort(whole, real, n_active):
 
 
 @njit(**INNER)
-def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, edges, state, arcs, n):
+def reorder(
+    n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, edges, state, ball, arcs, n
+):
     """Sort the list by falling value; pairs that trade places have crossed by now.
 
     Mostly all of them are hidden in whatever order they cross; then it does not matter where they do.
@@ -229,7 +281,7 @@ def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, e
     ----------
     key_0, key_1 : float
         Azimuths of both events; the second is above (x, y).
-    whole, real, pairs, places, circles, edges, state, arcs
+    whole, real, pairs, places, circles, edges, state, ball, arcs
         Those of the sweep.
     n : int
         Arcs so far.
@@ -258,10 +310,12 @@ def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, e
                 or state[whole[EDGE, last], SIDE] != visible_side(below, whole[STEP, last])
             )  # fmt: skip
         if shows:
-            found = _list_pairs(first, last, key_0, key_1, x, y, whole, pairs, places, circles, edges)
+            found = _list_pairs(
+                first, last, key_0, key_1, x, y, whole, pairs, places, circles, edges, state, ball
+            )
             if found < 0:
                 return n, -1, 0
-            n = _replay(found, first, last, whole, pairs, places, edges, state, arcs, n)
+            n = _replay(found, first, last, whole, pairs, places, edges, state, ball, arcs, n)
         else:
             for k in range(first, last):
                 w += whole[STEP, k]

@@ -22,8 +22,10 @@ NORMAL, START, END, OPEN, LOW, HIGH, STEEP, N_EDGE = 0, 3, 6, 9, 12, 13, 14, 15
 # cot(theta):
 ALONG, ACROSS, N_CIRCLE = 0, 1, 2
 # What the depth count gains across it, away from the axis; its vertices; the visible side (+1 towards the
-# axis, -1 away from it, 0 neither); whether it is kept between LOW and HIGH.
+# axis, -1 away from it, 0 neither); whether it is kept between LOW and HIGH, or even an arc of a small circle,
+# which is ROUND.
 GAIN, FROM, TO, SIDE, NARROW, N_STATE = 0, 1, 2, 3, 4, 5
+ROUND = 2
 
 # Fields of 16 lanes. Both ends and the edge from the shade point; then the clipped ends, the normal, along
 # and across, azimuths of the clipped ends and of the whole edge's, N_A, cot(theta) of the clipped ends, and
@@ -60,6 +62,24 @@ def turns_left(key_a, key_b, turn):
     if half_turn(key_a, key_b):
         return turn > 0.0
     return 0.0 <= d < np.pi or d < -np.pi
+
+
+@njit(**INNER)
+def is_narrow(key_a, key_b):
+    """Whether an edge between two azimuths is kept between its ends."""
+    return abs(key_b - key_a) < _NARROW or abs(key_b - key_a) > 2.0 * np.pi - _NARROW
+
+
+@njit(**INNER)
+def runs_left(left, key_a, key_b, tie_a, tie_b):
+    """Whether what is left of an edge above the horizon runs towards rising azimuth, as all of it does.
+
+    It may be so short that its azimuths say the contrary.
+    """
+    d = key_b - key_a if left else key_a - key_b
+    if -0.5 * np.pi < d < 0.0 or d > 1.5 * np.pi:
+        left = not left
+    return tie_a < tie_b if key_a == key_b else left
 
 
 @njit(**INNER)
@@ -167,13 +187,33 @@ def _project(lanes, frame, n):
 
 
 @njit(**INNER)
-def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, circles, state, key, tie):
+def _cut_lane(lanes, i, cuts, e, places):
+    """Let lane i be what a ball leaves of contour edge e."""
+    start, end = cuts[e, 0], cuts[e, 1]
+    if start < 0 and end < 0:
+        return
+    s = places[end, 3] if end >= 0 else 1.0
+    s -= places[start, 3] if start >= 0 else 0.0
+    for axis in range(3):
+        lanes[axis * WIDTH + i] = places[start, axis] if start >= 0 else lanes[axis * WIDTH + i]
+        lanes[(_B + axis) * WIDTH + i] = places[end, axis] if end >= 0 else lanes[(_B + axis) * WIDTH + i]
+        lanes[(_E + axis) * WIDTH + i] *= s
+
+
+@njit(**INNER)
+def direct_edges(
+    vertices, contours, n_contours, ball, n_closed, p, n, frame, lanes, edges, circles, state, key, tie
+):
     """Edges of the sweep and its events, from contour edges.
 
     Parameters
     ----------
     contours : (capacity, 3) int32
         See `contour.decide_contours`.
+    ball : Ball or None
+        Of which edges have parts within: see `ball_hits.clip_contours`.
+    n_closed : int
+        Numbers below this stand for places where edges follow each other: vertices, and where they leave a ball.
     lanes : (N_LANE_FIELDS * 16,) float64
         Scratch.
     edges, circles, state : (capacity, N_EDGE), (capacity, N_CIRCLE) float64, (capacity, N_STATE) int32, out
@@ -190,6 +230,8 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, circ
                 lanes[axis * WIDTH + i] = vertices[a, axis] - p[axis]
                 lanes[(_B + axis) * WIDTH + i] = vertices[b, axis] - p[axis]
                 lanes[(_E + axis) * WIDTH + i] = vertices[b, axis] - vertices[a, axis]
+            if ball is not None:
+                _cut_lane(lanes, i, ball.cuts, first + i, ball.hits.places)
             # A vertex at the shade point is seen along -n.
             for end in (_A, _B):
                 j = end * WIDTH + i
@@ -204,15 +246,14 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, circ
                 _bend(lanes, i, frame, n)
             key_a, key_b = lanes[_KEY * WIDTH + i], lanes[(_KEY + 1) * WIDTH + i]
             whole_a, whole_b = lanes[_WHOLE * WIDTH + i], lanes[(_WHOLE + 1) * WIDTH + i]
-            tie_a = a if lanes[_HEIGHT * WIDTH + i] > 0.0 else n_vertices + e
-            tie_b = b if lanes[(_HEIGHT + 1) * WIDTH + i] > 0.0 else n_vertices + e
+            tie_a, tie_b = np.int64(a), np.int64(b)
+            if ball is not None:
+                tie_a = tie_a if ball.cuts[e, 0] < 0 else np.int64(n_vertices + ball.cuts[e, 0])
+                tie_b = tie_b if ball.cuts[e, 1] < 0 else np.int64(n_vertices + ball.cuts[e, 1])
+            tie_a = tie_a if lanes[_HEIGHT * WIDTH + i] > 0.0 else np.int64(n_closed + e)
+            tie_b = tie_b if lanes[(_HEIGHT + 1) * WIDTH + i] > 0.0 else np.int64(n_closed + e)
             left = turns_left(whole_a, whole_b, lanes[_TURN * WIDTH + i])
-            # What is left above the horizon may be so short that its azimuths say the contrary.
-            d = key_b - key_a if left else key_a - key_b
-            if -0.5 * np.pi < d < 0.0 or d > 1.5 * np.pi:
-                left = not left
-            if key_a == key_b:
-                left = tie_a < tie_b
+            left = runs_left(left, key_a, key_b, tie_a, tie_b)
             sign = 1.0 if left else -1.0
             start, end = (_AC, _BC) if left else (_BC, _AC)
             for axis in range(3):
@@ -225,7 +266,7 @@ def direct_edges(vertices, contours, n_contours, p, n, frame, lanes, edges, circ
                 lanes[(_CIRCLE + 1) * WIDTH + i],
             )
             edges[e, LOW], edges[e, HIGH], edges[e, STEEP] = -np.inf, np.inf, 0.0
-            narrow = abs(key_b - key_a) < _NARROW or abs(key_b - key_a) > 2.0 * np.pi - _NARROW
+            narrow = is_narrow(key_a, key_b)
             if narrow:
                 cot_a, cot_b = lanes[_COT * WIDTH + i], lanes[(_COT + 1) * WIDTH + i]
                 edges[e, LOW], edges[e, HIGH] = min(cot_a, cot_b), max(cot_a, cot_b)

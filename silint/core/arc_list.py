@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from silint.core.arc_edges import ACROSS, ALONG, GAIN, HIGH, LOW
+from silint.core.arc_edges import ACROSS, ALONG, GAIN, HIGH, LOW, NARROW, NORMAL, ROUND
 from silint.core.jit import INNER
+from silint.core.small_circle import height_on
 
 # Rows of whole numbers: the edge, W above it, what W gains across it; and scratch of arc_crossings: the edge
 # before sorting, first and last place of each block that was permuted.
@@ -47,6 +48,22 @@ def within(e, v, r, edges):
 
 
 @njit(**INNER)
+def axis_of(e, edges):
+    """The unit normal of the plane of edge e, to its left."""
+    return edges[e, NORMAL], edges[e, NORMAL + 1], edges[e, NORMAL + 2]
+
+
+@njit(**INNER)
+def value_above(e, x, y, circles, edges, state, ball):
+    """A value of edge e above (x, y)."""
+    v = circles[e, ALONG] * x + circles[e, ACROSS] * y
+    if ball is not None:
+        if state[e, NARROW] == ROUND:
+            v = height_on(axis_of(e, edges), ball.offsets[e], x, y)
+    return within(e, v, np.sqrt(x * x + y * y), edges)
+
+
+@njit(**INNER)
 def in_order(n_active, x, y, place, z, real):
     """Whether the list is in order above (x, y), with the value z at one place."""
     wrong = 0
@@ -62,11 +79,16 @@ def in_order(n_active, x, y, place, z, real):
 
 
 @njit(**INNER)
-def evaluate(n_active, n_narrow, x, y, whole, real, edges):
+def evaluate(n_active, n_narrow, x, y, whole, real, edges, state, ball):
     """Values of the list above (x, y)."""
     for k in range(n_active):
         real[VALUE, k] = real[ALONG_T, k] * x + real[ACROSS_M, k] * y
     if n_narrow > 0:
+        if ball is not None:
+            for k in range(n_active):
+                e = whole[EDGE, k]
+                if state[e, NARROW] == ROUND:
+                    real[VALUE, k] = height_on(axis_of(e, edges), ball.offsets[e], x, y)
         r = np.sqrt(x * x + y * y)
         for k in range(n_active):
             real[VALUE, k] = within(whole[EDGE, k], real[VALUE, k], r, edges)

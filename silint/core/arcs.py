@@ -8,12 +8,16 @@ point whose depth counts contradict each other is done once more in another fram
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit, prange
 
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, half_turn, passes_through, turns_left
 from silint.core.arrangement import new_sweep, sweep_arcs
+from silint.core.ball import clip_to_ball, closed_places, near_faces, new_ball, with_room
+from silint.core.ball_arcs import cut_faces, face_circle
 from silint.core.boundary import place_arcs
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
 from silint.core.jit import INNER, PARALLEL
@@ -35,6 +39,8 @@ def _second_rotation() -> np.ndarray:
 _R = tuple(tuple(float(x) for x in row) for row in _second_rotation())
 # Lines so dense that no edge lies between two of them (filters.octahedral_mask).
 _EVERYWHERE = 1e6
+# Room to begin with: for edges, and for crossings between two events.
+_CAPACITY, _PAIRS = 1024, 64
 
 
 @njit(**INNER)
@@ -48,11 +54,13 @@ def _turn_frame(frame):
 
 
 @njit(**INNER)
-def axis_count(vertices, faces, face_planes, planes, plane_errors, face_ids, n_along, p, n, frame, rounding):
+def axis_count(geometry, face_ids, n_along, p, n, frame, rounding, ball):
     """W along the axis of the frame: the faces that wind round it and leave the depth count as edges say.
 
-    With the azimuths and directions of arc_edges, so that this count and the sweep cannot disagree.
+    Within a ball, those that the axis meets in it. With the azimuths and directions of arc_edges, so that this count and the sweep cannot disagree.
     """
+    vertices, faces, face_planes = geometry.vertices, geometry.faces, geometry.face_planes
+    planes, plane_errors = geometry.planes, geometry.plane_errors
     count = 0
     for i in range(n_along):
         f = face_ids[i]
@@ -74,6 +82,12 @@ def axis_count(vertices, faces, face_planes, planes, plane_errors, face_ids, n_a
         winding += _passes_start(vertices, c, a, ct, cm, at, am, key_c, key_a, p, n, frame)
         if winding == 0:
             continue
+        if ball is not None:
+            _, axis, cosine = face_circle(
+                face_planes, planes, plane_errors, f, p, n, frame, rounding, ball.reach
+            )
+            if not axis[2] > cosine:
+                continue
         code = face_planes[f]
         k = max(code, ~code)
         side = plane_side(planes, k, plane_errors[k] + rounding, p, n)
@@ -109,6 +123,118 @@ def _passes_start_up(vertices, a, b, at, am, key_a, key_b, p, n, frame):
     return -1 if key_a < key_b else 0
 
 
+class Scratch(NamedTuple):
+    """Of the search for what lies along an axis, and of directing edges."""
+
+    axis: np.ndarray  # (N_AXIS,) float32
+    stack: np.ndarray  # (256, 2) int64
+    face_ids: np.ndarray  # int32
+    lanes: np.ndarray  # (N_LANE_FIELDS * WIDTH,) float64
+
+
+@njit(**INNER)
+def _new_scratch(n_faces):
+    """Room for so many faces along an axis."""
+    return Scratch(
+        np.empty(N_AXIS, np.float32),
+        np.empty((256, 2), np.int64),
+        np.empty(n_faces, np.int32),
+        np.empty(N_LANE_FIELDS * WIDTH),
+    )
+
+
+@njit(**INNER)
+def _along_axis(faces, p, frame, scratch):
+    """Faces that the axis of a frame may meet: their number, and the scratch, perhaps a longer one."""
+    across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
+    while True:
+        set_axis(p, across, over, (frame[2, 0], frame[2, 1], frame[2, 2]), scratch.axis)
+        n_along = faces_along(
+            faces.order,
+            faces.coarse,
+            faces.nodes,
+            faces.levels,
+            scratch.axis,
+            scratch.stack,
+            scratch.face_ids,
+        )
+        if n_along <= len(scratch.face_ids):
+            return n_along, scratch
+        scratch = _new_scratch(2 * n_along)
+
+
+@njit(**INNER)
+def _sweep_point(
+    geometry, faces, contours, n_contours, p, n, rounding, frame, scratch, sweep, ball, n_faces, n_rows
+):
+    """Boundary arcs of a point, in the first frame that does not contradict itself.
+
+    Parameters
+    ----------
+    contours : (n_contours or more, 3) int32
+    frame : (3, 3) float64, out
+        In which the arcs stand.
+    scratch : Scratch
+    sweep : Sweep
+        With room for the contours.
+    ball : Ball or None
+        With n_faces faces and n_rows edges, see `ball.clip_to_ball`.
+
+    Returns
+    -------
+    sweep, ball, scratch
+        Perhaps with longer arrays.
+    n_arcs : int
+        Of sweep.arcs.
+    crossings : int
+    which : int
+        1 for the first frame, 2 for the second, 0 where both contradict themselves.
+    """
+    # Two names, since Numba leaves out what a ball needs only where an argument that stays None says so.
+    room, n_closed, which = ball, np.int64(len(geometry.vertices)), 1
+    if ball is not None:
+        n_closed = np.int64(closed_places(len(geometry.vertices), ball, n_faces))
+    set_frame(n, frame)
+    while True:
+        n_along, scratch = _along_axis(faces, p, frame, scratch)
+        w = axis_count(geometry, scratch.face_ids, n_along, p, n, frame, rounding, room)
+        n_edges, n_pairs, n_arcs = n_contours, len(sweep.pairs), len(sweep.arcs)
+        if ball is not None:
+            n_edges, n_rows = cut_faces(geometry, room, n_faces, n_rows, p, n, frame, rounding, sweep, n_edges)
+            if n_edges > len(sweep.edges):
+                sweep, room = new_sweep(2 * n_edges, n_pairs, n_arcs), with_room(room, 2 * n_edges, n_pairs)
+                continue
+        direct_edges(
+            geometry.vertices,
+            contours,
+            n_contours,
+            room,
+            n_closed,
+            p,
+            n,
+            frame,
+            scratch.lanes,
+            sweep.edges,
+            sweep.circles,
+            sweep.state,
+            sweep.key,
+            sweep.tie,
+        )
+        seen = in_frame(n[0], n[1], n[2], frame)
+        found, sound, crossings = sweep_arcs(sweep, room, n_edges, n_closed, w, seen)
+        if sound < 0 or found > n_arcs:
+            # Once more, with more room.
+            n_pairs = 4 * n_pairs if sound < 0 else n_pairs
+            sweep = new_sweep(len(sweep.edges), n_pairs, max(2 * found, n_arcs))
+            if ball is not None:
+                room = with_room(room, len(sweep.edges), n_pairs)
+        elif sound == 0 and which == 1:
+            which = 2
+            _turn_frame(frame)
+        else:
+            return sweep, room, scratch, found, crossings, which if sound > 0 else 0
+
+
 @njit(**INNER)
 def _arcs_of_tiles(
     geometry,
@@ -116,6 +242,8 @@ def _arcs_of_tiles(
     faces,
     points,
     normals,
+    reach,
+    ball,
     first,
     last,
     counts,
@@ -126,45 +254,46 @@ def _arcs_of_tiles(
     tally,
 ):
     """Arcs of the points [first, last), tile by tile; those beyond the room for them are only counted."""
-    vertices = geometry.vertices
-    frame = np.empty((3, 3))
-    tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
+    frame, tile = np.empty((3, 3)), np.empty(N_TILE, np.float32)
     q, no_lines = np.empty((TILE, N_POINT), np.float32), np.empty((0, 2), np.float32)
-    search = new_search(8, 2048)
-    stack, face_ids = np.empty((256, 2), np.int64), np.empty(64, np.int32)
-    lanes = np.empty(N_LANE_FIELDS * WIDTH)
     # Not literals, for which everything would be compiled again.
-    capacity, n_pairs, n_arcs, n_found = np.int64(1024), np.int64(64), np.int64(2048), np.int64(0)
-    contours = np.empty((capacity, 3), np.int32)
-    sweep = new_sweep(capacity, n_pairs, n_arcs)
+    search, scratch, n_found = new_search(8, 2048), _new_scratch(np.int64(64)), np.int64(0)
+    contours = np.empty((_CAPACITY, 3), np.int32)
+    sweep, room = new_sweep(np.int64(_CAPACITY), np.int64(_PAIRS), np.int64(2 * _CAPACITY)), ball
+    n_faces, n_rows = np.int64(0), np.int64(0)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
-        set_tile(points, normals, tile_first, tile_last, tile)
+        n_points = tile_last - tile_first
+        set_tile(points, normals, tile_first, tile_last, tile, reach)
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
             set_frame(n, frame)
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
-            set_point(p, n, across, over, _EVERYWHERE, tile, q[i - tile_first])
-        search = search_tile(
-            search, trees, tile, q[: tile_last - tile_first], no_lines, tally[tile_first:tile_last]
-        )
+            set_point(p, n, across, over, _EVERYWHERE, tile, q[i - tile_first], reach)
+        search = search_tile(search, trees, tile, q[:n_points], no_lines, tally[tile_first:tile_last])
+        if ball is not None:
+            room = near_faces(room, faces, tile, q[:n_points], tally[tile_first])
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
             rounding = side_rounding(p)
             edge_ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
-            if ends[i - tile_first, 2] > capacity:
-                capacity, n_arcs = 2 * ends[i - tile_first, 2], np.int64(len(sweep.arcs))
-                contours = np.empty((capacity, 3), np.int32)
-                sweep = new_sweep(capacity, n_pairs, n_arcs)
-            n_edges = np.int64(0)
+            most = ends[i - tile_first, 2]
+            if most > len(contours):
+                contours = np.empty((2 * most, 3), np.int32)
+            if most > len(sweep.edges):
+                n_pairs = len(sweep.pairs)
+                sweep = new_sweep(2 * most, n_pairs, len(sweep.arcs))
+                if ball is not None:
+                    room = with_room(room, 2 * most, n_pairs)
+            n_contours = np.int64(0)
             for which in range(2):
                 tree = trees[which]
                 lo, hi = ends[i - tile_first, which], ends[i - tile_first, which + 1]
-                n_edges = decide_contours(
-                    vertices,
+                n_contours = decide_contours(
+                    geometry.vertices,
                     geometry.planes,
                     geometry.plane_errors,
                     tree.ends,
@@ -176,72 +305,43 @@ def _arcs_of_tiles(
                     n,
                     rounding,
                     contours,
-                    n_edges,
+                    n_contours,
                     tally[i],
                 )
-            tally[i, CONTOURS] += n_edges
-            set_frame(n, frame)
-            attempt = 0
-            while True:
-                set_axis(
-                    p,
-                    (frame[0, 0], frame[0, 1], frame[0, 2]),
-                    (frame[1, 0], frame[1, 1], frame[1, 2]),
-                    (frame[2, 0], frame[2, 1], frame[2, 2]),
-                    axis,
+            if ball is not None:
+                room, n_contours, n_rows, n_faces = clip_to_ball(
+                    room, geometry.vertices, p, n, contours, n_contours, q[i - tile_first], tally[i]
                 )
-                n_along = np.int64(0)
-                while True:
-                    n_along = faces_along(
-                        faces.order, faces.coarse, faces.nodes, faces.levels, axis, stack, face_ids
-                    )
-                    if n_along <= len(face_ids):
-                        break
-                    face_ids = np.empty(2 * n_along, np.int32)
-                w = axis_count(
-                    vertices,
-                    geometry.faces,
-                    geometry.face_planes,
-                    geometry.planes,
-                    geometry.plane_errors,
-                    face_ids,
-                    n_along,
-                    p,
-                    n,
-                    frame,
-                    rounding,
-                )
-                direct_edges(
-                    vertices,
-                    contours,
-                    n_edges,
-                    p,
-                    n,
-                    frame,
-                    lanes,
-                    sweep.edges,
-                    sweep.circles,
-                    sweep.state,
-                    sweep.key,
-                    sweep.tie,
-                )
-                seen = in_frame(n[0], n[1], n[2], frame)
-                n_arcs, is_sound, crossings = sweep_arcs(sweep, n_edges, len(vertices), w, seen)
-                if is_sound < 0 or n_arcs > len(sweep.arcs):
-                    # Once more, with more room.
-                    n_pairs = 4 * n_pairs if is_sound < 0 else n_pairs
-                    sweep = new_sweep(capacity, n_pairs, max(2 * n_arcs, len(sweep.arcs)))
-                elif is_sound == 0 and attempt == 0:
-                    attempt = 1
-                    _turn_frame(frame)
-                else:
-                    break
-            frames[i] = 0 if is_sound == 0 else 1 + attempt
+            tally[i, CONTOURS] += n_contours
+            sweep, room, scratch, n_arcs, crossings, frames[i] = _sweep_point(
+                geometry,
+                faces,
+                contours,
+                n_contours,
+                p,
+                n,
+                rounding,
+                frame,
+                scratch,
+                sweep,
+                room,
+                n_faces,
+                n_rows,
+            )
             tally[i, CROSSINGS] += crossings
-            end = n_found + n_arcs
+            end, seen = n_found + n_arcs, in_frame(n[0], n[1], n[2], frame)
             if end <= len(directions):
                 end = place_arcs(
-                    sweep.arcs, n_arcs, sweep.edges, sweep.state, seen, frame, directions, ids, n_found
+                    sweep.arcs,
+                    n_arcs,
+                    sweep.edges,
+                    sweep.state,
+                    room,
+                    seen,
+                    frame,
+                    directions,
+                    ids,
+                    n_found,
                 )
             counts[i], starts[i] = end - n_found, n_found
             n_found = end
@@ -256,6 +356,7 @@ def boundary_arcs(
     faces,
     points,
     normals,
+    reach,
     hands,
     per_block,
     counts,
@@ -276,6 +377,8 @@ def boundary_arcs(
     faces : FaceBundles
     points, normals : (n, 3) float64
         In scaled units and already displaced, in tile order; unit normals.
+    reach : float or None
+        Nothing blocks from this distance on. Faces have to have their corners then.
     hands : int
         The number of threads; nothing but the time depends on it.
     per_block : int
@@ -284,8 +387,8 @@ def boundary_arcs(
         Arcs of each point, and the first row of them within its block.
     frames : (n,) int8, out
         1, 2 where the first contradicted itself, 0 where the second did too.
-    directions, edges : (blocks, capacity, 9) float64, (blocks, capacity, 2) int32, out
-        See Arcs; tightly packed within a block.
+    directions, edges : (blocks, capacity, 9 or 10) float64, (blocks, capacity, 2) int32, out
+        See Arcs, 10 with a reach; tightly packed within a block.
     needed : (blocks,) int64, out
         Arcs of each block, or a little more; where that exceeds the capacity, not all of them are written.
     tally : (n, N_TALLY) int64, zero, out
@@ -298,18 +401,39 @@ def boundary_arcs(
         if block >= n_blocks:
             continue
         first, last = block * per_block, min((block + 1) * per_block, n)
-        needed[block] = _arcs_of_tiles(
-            geometry,
-            (contour, boundary),
-            faces,
-            points,
-            normals,
-            first,
-            last,
-            counts,
-            starts,
-            frames,
-            directions[block],
-            edges[block],
-            tally,
-        )
+        if reach is None:
+            needed[block] = _arcs_of_tiles(
+                geometry,
+                (contour, boundary),
+                faces,
+                points,
+                normals,
+                np.inf,
+                None,
+                first,
+                last,
+                counts,
+                starts,
+                frames,
+                directions[block],
+                edges[block],
+                tally,
+            )
+        else:
+            needed[block] = _arcs_of_tiles(
+                geometry,
+                (contour, boundary),
+                faces,
+                points,
+                normals,
+                reach,
+                new_ball(reach, len(faces.levels), np.int64(_CAPACITY), np.int64(_PAIRS)),
+                first,
+                last,
+                counts,
+                starts,
+                frames,
+                directions[block],
+                edges[block],
+                tally,
+            )

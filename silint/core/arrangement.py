@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from silint.core.arc_crossings import reorder
+from silint.core.arc_crossings import crossed_twice, reorder
 from silint.core.arc_edges import (
     ACROSS,
     ALONG,
@@ -35,6 +35,7 @@ from silint.core.arc_edges import (
     N_STATE,
     NARROW,
     OPEN,
+    ROUND,
     SIDE,
     START,
     STEEP,
@@ -48,16 +49,18 @@ from silint.core.arc_list import (
     N_WHOLE,
     STEP,
     VALUE,
+    axis_of,
     evaluate,
     in_order,
     move,
     out_of_order,
     place_of,
     put,
-    within,
+    value_above,
 )
 from silint.core.boundary import N_ARC, on_edge, show, show_horizon, visible_side
 from silint.core.jit import INNER
+from silint.core.small_circle import slope_at
 
 # Negative W over less than this, in azimuth and in height, is rounding.
 _NEGATIVE = 1e-9
@@ -142,7 +145,10 @@ def _sort_events(sweep, n):
 
 
 @njit(**INNER)
-def _slope(e, x, y, circles, edges, state):
+def _slope(e, x, y, z, circles, edges, state, ball):
+    if ball is not None:
+        if state[e, NARROW] == ROUND:
+            return slope_at(axis_of(e, edges), x, y, z)
     if state[e, NARROW] and edges[e, STEEP] != 0.0:
         return np.inf * edges[e, STEEP]
     return circles[e, ACROSS] * x - circles[e, ALONG] * y
@@ -179,20 +185,20 @@ def _end_values(first, last, code, z, n_active, whole, real):
 
 
 @njit(**INNER)
-def _first_list(sweep, n_edges):
+def _first_list(sweep, ball, n_edges):
     """Write the edges that the half-plane cuts at azimuth 0; their number, and that of narrow ones."""
     edges, circles, state = sweep.edges, sweep.circles, sweep.state
     whole, real, key = sweep.whole, sweep.real, sweep.key
     n_active, n_narrow = 0, 0
     for e in range(n_edges):
         if key[2 * e] > key[2 * e + 1]:
-            v = within(e, circles[e, ALONG], 1.0, edges)
-            slope, k = _slope(e, 1.0, 0.0, circles, edges, state), n_active
+            v = value_above(e, 1.0, 0.0, circles, edges, state, ball)
+            slope, k = _slope(e, 1.0, 0.0, v, circles, edges, state, ball), n_active
             while k > 0 and (
                 real[VALUE, k - 1] < v
                 or (
                     real[VALUE, k - 1] == v
-                    and _slope(whole[EDGE, k - 1], 1.0, 0.0, circles, edges, state) < slope
+                    and _slope(whole[EDGE, k - 1], 1.0, 0.0, v, circles, edges, state, ball) < slope
                 )
             ):
                 k -= 1
@@ -206,15 +212,46 @@ def _first_list(sweep, n_edges):
 
 
 @njit(**INNER)
-def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
+def _look_ahead(e, key_now, n_active, sweep, ball, n_stops):
+    """Add stops between pairs of crossings of edge e with edges of the list; a great circle has one at most.
+
+    Returns
+    -------
+    The number of stops, -1 where there is no room for them.
+    """
+    edges, state, whole, key, stops = sweep.edges, sweep.state, sweep.whole, sweep.key, ball.stops
+    end = key[2 * e + 1] if key[2 * e + 1] > key_now else 2.0 * np.pi
+    for k in range(n_active):
+        f = whole[EDGE, k]
+        if f == e or (state[e, NARROW] != ROUND and state[f, NARROW] != ROUND):
+            continue
+        other = key[2 * f + 1] if key[2 * f + 1] > key_now else 2.0 * np.pi
+        stop = crossed_twice(e, f, key_now, min(end, other), edges, state, ball)
+        if stop < 0.0:
+            continue
+        if n_stops == len(stops):
+            return -1
+        i = n_stops
+        while i > 0 and stops[i - 1, 0] < stop:
+            stops[i, 0], stops[i, 1], stops[i, 2] = stops[i - 1, 0], stops[i - 1, 1], stops[i - 1, 2]
+            i -= 1
+        stops[i, 0], stops[i, 1], stops[i, 2] = stop, np.cos(stop), np.sin(stop)
+        n_stops += 1
+    return n_stops
+
+
+@njit(**INNER)
+def sweep_arcs(sweep, ball, n_edges, n_closed, w, normal):
     """Append the boundary arcs of what a shade point sees.
 
     Parameters
     ----------
     sweep : Sweep
         With edges and events, from arc_edges.direct_edges.
-    n_vertices : int
-        Events with a tie below this are at vertices of the mesh, where edges have to balance.
+    ball : Ball or None
+        With a maximum distance: has arcs of small circles, from ball_arcs.cut_faces.
+    n_closed : int
+        Where edges have to balance, events have a tie below this: see `arc_edges.direct_edges`.
     w : int
         W at the axis.
     normal : tuple of 3 float
@@ -232,20 +269,53 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
     pairs, spots, at, code = sweep.pairs, sweep.spots, sweep.places, sweep.codes
     arcs, n_events, n = sweep.arcs, 2 * n_edges, 0
     _sort_events(sweep, n_events)
-    n_active, n_narrow = _first_list(sweep, n_edges)
+    n_active, n_narrow = _first_list(sweep, ball, n_edges)
     sound, all_crossings, bottom = 1, 0, w
     for k in range(n_active):
         e = whole[EDGE, k]
         whole[ABOVE, k] = bottom
-        x, y, z = on_edge(e, 1.0, 0.0, circles, edges)
+        x, y, z = on_edge(e, 1.0, 0.0, circles, edges, state, ball)
         n = show(e, visible_side(bottom, whole[STEP, k]), x, y, z, edges, state, arcs, n)
         bottom += whole[STEP, k]
     lowest = bottom
     key_0, horizon_key, horizon_t, horizon_m = 0.0, 0.0, 1.0, 0.0
     horizon = bottom == 0
 
-    first = 0
-    while first < n_events:
+    first, n_stops = 0, 0
+    if ball is not None:
+        for k in range(n_active):
+            n_stops = _look_ahead(whole[EDGE, k], 0.0, k, sweep, ball, n_stops)
+            if n_stops < 0:
+                return n, -1, 0
+    while first < n_events or n_stops > 0:
+        if ball is not None:
+            stop = ball.stops[n_stops - 1, 0] if n_stops > 0 else np.inf
+            if stop < (at[first, 0] if first < n_events else np.inf):
+                n_stops -= 1
+                x, y = ball.stops[n_stops, 1], ball.stops[n_stops, 2]
+                evaluate(n_active, n_narrow, x, y, whole, real, edges, state, ball)
+                n, crossings, low = reorder(
+                    n_active,
+                    key_0,
+                    stop,
+                    x,
+                    y,
+                    whole,
+                    real,
+                    pairs,
+                    spots,
+                    circles,
+                    edges,
+                    state,
+                    ball,
+                    arcs,
+                    n,
+                )
+                if crossings < 0:
+                    return n, -1, 0
+                all_crossings += crossings
+                lowest, key_0 = min(lowest, low), stop
+                continue
         last = first + 1
         while last < n_events and at[last, 0] == at[first, 0] and code[last, 1] == code[first, 1]:
             last += 1
@@ -257,11 +327,25 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             e, f = (e, f) if code[first, 0] & 1 else (f, e)
             position = place_of(e, n_active, whole)
         if not usual or n_narrow > 0 or lowest < 0 or not in_order(n_active, x, y, position, z, real):
-            evaluate(n_active, n_narrow, x, y, whole, real, edges)
+            evaluate(n_active, n_narrow, x, y, whole, real, edges, state, ball)
             position = _end_values(first, last, code, z, n_active, whole, real)
             if out_of_order(n_active, real):
                 n, crossings, low = reorder(
-                    n_active, key_0, key, x, y, whole, real, pairs, spots, circles, edges, state, arcs, n
+                    n_active,
+                    key_0,
+                    key,
+                    x,
+                    y,
+                    whole,
+                    real,
+                    pairs,
+                    spots,
+                    circles,
+                    edges,
+                    state,
+                    ball,
+                    arcs,
+                    n,
                 )
                 if crossings < 0:
                     return n, -1, 0
@@ -284,6 +368,10 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             whole[EDGE, position] = f
             real[ALONG_T, position], real[ACROSS_M, position] = circles[f, ALONG], circles[f, ACROSS]
             n_narrow += state[f, NARROW] - state[e, NARROW]
+            if ball is not None:
+                n_stops = _look_ahead(f, key, n_active, sweep, ball, n_stops)
+                if n_stops < 0:
+                    return n, -1, 0
             continue
 
         balance, ended, begun = 0, 0, 0
@@ -307,15 +395,22 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
                 e = code[i, 0] >> 1
                 balance -= state[e, GAIN]
                 n_narrow += state[e, NARROW]
-                slope, k = _slope(e, x, y, circles, edges, state), position + begun
-                while k > position and _slope(whole[EDGE, k - 1], x, y, circles, edges, state) < slope:
+                slope, k = _slope(e, x, y, z, circles, edges, state, ball), position + begun
+                while k > position and (
+                    _slope(whole[EDGE, k - 1], x, y, z, circles, edges, state, ball) < slope
+                ):
                     k -= 1
                 for j in range(n_active, k, -1):
                     move(j - 1, j, whole, real)
                 put(e, k, whole, real, circles, state)
                 n_active += 1
                 begun += 1
-        if balance != 0 and code[i_0, 1] < n_vertices:
+        if ball is not None:
+            for k in range(position, position + begun):
+                n_stops = _look_ahead(whole[EDGE, k], key, n_active, sweep, ball, n_stops)
+                if n_stops < 0:
+                    return n, -1, 0
+        if balance != 0 and code[i_0, 1] < n_closed:
             sound = 0
 
         here = w
@@ -332,7 +427,7 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
             if k < position + begun:
                 n = show(e, side, x, y, z, edges, state, arcs, n)
             else:
-                ex, ey, ez = on_edge(e, x, y, circles, edges)
+                ex, ey, ez = on_edge(e, x, y, circles, edges, state, ball)
                 n = show(e, side, ex, ey, ez, edges, state, arcs, n)
         bottom = w
         if n_active > 0:
@@ -343,17 +438,17 @@ def sweep_arcs(sweep, n_edges, n_vertices, w, normal):
                 n = show_horizon(horizon_key, key, horizon_t, horizon_m, x, y, normal, arcs, n)
             horizon, horizon_key, horizon_t, horizon_m = not horizon, key, x, y
 
-    evaluate(n_active, 1, 1.0, 0.0, whole, real, edges)
+    evaluate(n_active, 1, 1.0, 0.0, whole, real, edges, state, ball)
     if out_of_order(n_active, real):
         key = 2.0 * np.pi
         n, crossings, _ = reorder(
-            n_active, key_0, key, 1.0, 0.0, whole, real, pairs, spots, circles, edges, state, arcs, n
+            n_active, key_0, key, 1.0, 0.0, whole, real, pairs, spots, circles, edges, state, ball, arcs, n
         )
         if crossings < 0:
             return n, -1, 0
         all_crossings += crossings
     for k in range(n_active):
-        x, y, z = on_edge(whole[EDGE, k], 1.0, 0.0, circles, edges)
+        x, y, z = on_edge(whole[EDGE, k], 1.0, 0.0, circles, edges, state, ball)
         n = show(whole[EDGE, k], 0, x, y, z, edges, state, arcs, n)
     if horizon:
         n = show_horizon(horizon_key, 2.0 * np.pi, horizon_t, horizon_m, 1.0, 0.0, normal, arcs, n)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from silint.core.arc_edges import ACROSS, ALONG, FROM, HIGH, LOW, NORMAL, OPEN, SIDE, TO
+from silint.core.arc_edges import FROM, NARROW, NORMAL, OPEN, ROUND, SIDE, TO
+from silint.core.arc_list import value_above
 from silint.core.jit import INNER
 
 # An arc as it is found: from and to, in the frame; its edge, -1 for the horizon; and its visible side.
@@ -41,12 +42,9 @@ def show(e, side, x, y, z, edges, state, arcs, n):
 
 
 @njit(**INNER)
-def on_edge(e, t, m, circles, edges):
+def on_edge(e, t, m, circles, edges, state, ball):
     """Direction on edge e above (t, m)."""
-    r = np.sqrt(t * t + m * m)
-    a = circles[e, ALONG] * t + circles[e, ACROSS] * m
-    a = a if a > edges[e, LOW] * r else edges[e, LOW] * r
-    a = a if a < edges[e, HIGH] * r else edges[e, HIGH] * r
+    a = value_above(e, t, m, circles, edges, state, ball)
     s = 1.0 / np.sqrt(t * t + m * m + a * a)
     return s * t, s * m, s * a
 
@@ -81,8 +79,10 @@ def show_horizon(key_a, key_b, t, m, u, v, normal, arcs, n):
 
 
 @njit(**INNER)
-def place_arcs(arcs, n_arcs, edges, state, normal, frame, directions, ids, row):
+def place_arcs(arcs, n_arcs, edges, state, ball, normal, frame, directions, ids, row):
     """Write arcs to rows from `row` on, in world axes and with the visible side on the left.
+
+    Where there may be small circles, their c follows the normal.
 
     Those of edges seen end on, which have no plane and no length, are left out. Returns the row after the
     last.
@@ -103,5 +103,7 @@ def place_arcs(arcs, n_arcs, edges, state, normal, frame, directions, ids, row):
             directions[row, k] = f * arcs[i, a] + g * arcs[i, a + 1] + h * arcs[i, a + 2]
             directions[row, 3 + k] = f * arcs[i, b] + g * arcs[i, b + 1] + h * arcs[i, b + 2]
             directions[row, 6 + k] = f * x + g * y + h * z
+        if ball is not None:
+            directions[row, 9] = side * ball.offsets[e] if e >= 0 and state[e, NARROW] == ROUND else 0.0
         row += 1
     return row

@@ -213,9 +213,10 @@ class ArcRoom(NamedTuple):
     edges: np.ndarray  # (blocks, capacity, 2) int32
 
 
-def arc_room(blocks: int, capacity: int) -> ArcRoom:
-    """Room for so many arcs a block."""
-    return ArcRoom(np.empty((blocks, capacity, 9)), np.empty((blocks, capacity, 2), np.int32))
+def arc_room(blocks: int, capacity: int, limited: bool = False) -> ArcRoom:
+    """Room for so many arcs a block; `limited` to some distance, they may be of small circles."""
+    width = 10 if limited else 9
+    return ArcRoom(np.empty((blocks, capacity, width)), np.empty((blocks, capacity, 2), np.int32))
 
 
 def find_arcs(
@@ -225,6 +226,7 @@ def find_arcs(
     normals: np.ndarray,
     per_block: int,
     room: ArcRoom,
+    reach: float | None = None,
 ) -> FoundArcs | int:
     """Boundary arcs of what points see.
 
@@ -236,6 +238,8 @@ def find_arcs(
         Points that a thread takes at a time, a multiple of TILE.
     room : ArcRoom
         For all blocks; what is found stands in it.
+    reach : float, optional
+        Nothing blocks from this distance on. Faces need their corners for it.
 
     Returns
     -------
@@ -250,6 +254,7 @@ def find_arcs(
         *bundles,
         points,
         normals,
+        reach,
         get_num_threads(),
         per_block,
         counts,
@@ -263,7 +268,10 @@ def find_arcs(
     if needed.max(initial=0) > capacity:
         return int(needed.max())
     starts += capacity * (np.arange(n) // per_block)
-    arcs = Arcs(points, normals, counts, starts, room.directions.reshape(-1, 9), room.edges.reshape(-1, 2))
+    width = room.directions.shape[2]
+    arcs = Arcs(
+        points, normals, counts, starts, room.directions.reshape(-1, width), room.edges.reshape(-1, 2)
+    )
     return FoundArcs(arcs, tally.sum(axis=0), frames)
 
 

@@ -171,7 +171,7 @@ def find_open(counts, starts, directions, edges, out):
     for i in prange(len(counts)):
         turn = 0.0
         for row in range(starts[i], starts[i] + counts[i]):
-            if edges[row, 0] >= 0:
+            if edges[row, 0] != -1:
                 turn = 0.0
                 break
             a, normal, chord = arc(directions, row)
@@ -337,7 +337,7 @@ def hemisphere_fraction(arcs: Arcs, weighting: str) -> tuple[np.ndarray, np.ndar
         value = _along(vector_irradiance(arcs), arcs.normals.T) / np.pi
     else:
         value = solid_angle(arcs) / (2.0 * np.pi)
-    return _fraction(value, np.ones(len(value)), arcs)
+    return as_fraction(value, np.ones(len(value)), arcs)
 
 
 def sky_view_factor(arcs: Arcs, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -350,7 +350,7 @@ def sky_view_factor(arcs: Arcs, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """
     value = np.empty(len(arcs.counts))
     sum_sky(arcs.normals, frame_of(up), arcs.counts, arcs.starts, arcs.directions, value)
-    return _fraction(value / np.pi, np.clip(0.5 * (1.0 + _along(arcs.normals, up)), 0.0, 1.0), arcs)
+    return as_fraction(value / np.pi, np.clip(0.5 * (1.0 + _along(arcs.normals, up)), 0.0, 1.0), arcs)
 
 
 def bent_normal(arcs: Arcs) -> tuple[np.ndarray, np.ndarray]:
@@ -393,7 +393,7 @@ def error_of_gap(arcs: Arcs) -> np.ndarray:
     return np.minimum(estimate, 1.0)
 
 
-def _fraction(value: np.ndarray, open_value: np.ndarray, arcs: Arcs) -> tuple[np.ndarray, np.ndarray]:
+def as_fraction(value: np.ndarray, open_value: np.ndarray, arcs: Arcs) -> tuple[np.ndarray, np.ndarray]:
     """Values in [0, open value] with their estimates; what is clipped is in the estimate."""
     whole = is_open(arcs)
     value[whole] = open_value[whole]
