@@ -58,7 +58,7 @@ class Integrand(NamedTuple):
         None  # builds the table for some isolines, before any lock is taken
     )
     has_spread: bool = False  # a fraction of a cone, or of the hemisphere
-    exact_has_spread: bool = False  # along arcs too
+    exact_limits: tuple[str, ...] = ()  # those that are known along arcs, one at a time
 
 
 def evaluate(
@@ -76,7 +76,7 @@ def evaluate(
 ) -> Any:
     """Both phases, group by group, so that memory does not grow with the points."""
     choice(method, "method", METHODS)
-    method = limits.method_for(method, integrand.exact_has_spread, integrand.has_spread)
+    method = limits.method_for(method, integrand.exact_limits, integrand.has_spread)
     if method == "exact":
         if integrand.exact is None:
             raise InputError("method is 'exact'; there is no closed form along arcs for this request")
@@ -209,7 +209,7 @@ def _run_exact(
     """The same by boundary arcs; points without a certificate take lines."""
     assert integrand.exact is not None
     failed = []
-    for arcs, certain, counts, group in finder.arcs(p, n, progress):
+    for arcs, certain, counts, group in finder.arcs(p, n, progress, limits):
         with KERNEL_LOCK:
             value[rows[group]], estimate[rows[group]] = integrand.exact(arcs)
         failed.append(group[~certain])

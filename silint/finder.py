@@ -118,28 +118,24 @@ class VisibleFinder:
                 self._covers_near[wanted] = prefers_cover(self.geometry, self.bundles, near)[0]
             return self._covers_near[wanted]
 
-    def _ways(
-        self, p: FloatArray, limits: LineLimits
-    ) -> list[tuple[npt.NDArray[np.int64], bool, LineLimits]]:
-        """Rows of points, whether they are covered, and what limits them.
+    def _within(self, p: FloatArray, limits: LineLimits) -> list[tuple[npt.NDArray[np.int64], LineLimits]]:
+        """Rows of points, and what limits them.
 
         Points from which the scene ends within the distance are served as without one: to the same bits.
         """
         rows = np.arange(len(p))
-        if limits.reach == np.inf:
-            return [(rows, limits.one_sided or self.cover, limits)]
-        if limits.falloff != NO_FALLOFF:
-            return [(rows, limits.one_sided or self._covers(limits), limits)]
+        if limits.reach == np.inf or limits.falloff != NO_FALLOFF:
+            return [(rows, limits)]
         low, high = self._box
         farthest = np.maximum(np.abs(p - low), np.abs(p - high))
         beyond = (farthest * farthest).sum(axis=1) <= limits.reach * limits.reach
         unlimited = limits._replace(reach=np.inf, ground_reach=limits.reach)
-        ways = []
-        if beyond.any():
-            ways.append((rows[beyond], limits.one_sided or self.cover, unlimited))
-        if not beyond.all():
-            ways.append((rows[~beyond], limits.one_sided or self._covers(limits), limits))
-        return ways
+        parts = [(rows[beyond], unlimited), (rows[~beyond], limits)]
+        return [part for part in parts if len(part[0])]
+
+    def _is_covered(self, limits: LineLimits) -> bool:
+        """Whether radial isolines are covered under these limits."""
+        return limits.one_sided or (self.cover if limits.reach == np.inf else self._covers(limits))
 
     def shade_points(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Points in scaled units, lifted along their unit normals, and these."""
@@ -249,8 +245,8 @@ class VisibleFinder:
     ) -> Iterator[tuple[RadialIntervals, dict[str, int], npt.NDArray[np.int64]]]:
         """Visible intervals on radial isolines of groups of points, what was counted, and their rows."""
         done = 0
-        for rows, cover, within in self._ways(p, limits):
-            report = _after(progress, done, len(p))
+        for rows, within in self._within(p, limits):
+            report, cover = _after(progress, done, len(p)), self._is_covered(within)
             for visible, totals, group in self._radial(
                 p[rows], n[rows], isolines, report, aim, within, cover
             ):
@@ -314,7 +310,7 @@ class VisibleFinder:
         Of the limits, they know the distance.
         """
         done = 0
-        for rows, _, within in self._ways(p, limits):
+        for rows, within in self._within(p, limits):
             reach = within.reach if within.reach < np.inf else None
             report = _after(progress, done, len(p))
             for arcs, certain, totals, part in self._arcs_within(p[rows], n[rows], reach, report):

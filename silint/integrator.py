@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.integrands import arcs as along_arcs
-from silint.core.integrands import arcs_cone, arcs_sh, fractions, octahedral_sh, radial, radial_sh
+from silint.core.integrands import arcs_ball, arcs_cone, arcs_sh, fractions, octahedral_sh, radial, radial_sh
 from silint.core.radial import NO_AIM
 from silint.derivatives import DerivativeQueries
 from silint.environment import Environment
@@ -111,7 +111,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         progress : callable, optional
             Called with the numbers of points done and in all.
         max_distance, falloff, spread, backfaces, ground
-            What counts: see `silint.Limits`. All but `spread` take radial isolines.
+            What counts: see `silint.Limits`. method="exact" knows a distance without falloff, or a spread.
 
         Returns
         -------
@@ -131,9 +131,13 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
                 v.normals, (v.offsets, v.intervals), v.isolines, weighting
             ),
             lambda v: radial.hemisphere_fraction(v, weighting),
-            lambda a: arcs_cone.cone_fraction(a, weighting, limits.cone),
+            lambda a: (
+                arcs_cone.cone_fraction(a, weighting, limits.cone)
+                if limits.cone
+                else arcs_ball.hemisphere_fraction(a, weighting)
+            ),
             has_spread=True,
-            exact_has_spread=True,
+            exact_limits=("spread", "max_distance"),
         )
         return self._integrate(
             integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
@@ -220,8 +224,9 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
             (3,),
             lambda v: fractions.bent_normal(v.normals, (v.offsets, v.intervals), v.isolines),
             radial.bent_normal,
-            along_arcs.bent_normal,
+            arcs_ball.bent_normal,
             has_spread=True,
+            exact_limits=("max_distance",),
         )
         return self._integrate(
             integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits

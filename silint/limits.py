@@ -97,14 +97,14 @@ class Limits:
             return float(self.max_distance.removesuffix("%")) / 100.0 * diagonal
         return self.max_distance
 
-    def method_for(self, method: str, has_exact: bool, has_spread: bool) -> str:
+    def method_for(self, method: str, exact_limits: tuple[str, ...], has_spread: bool) -> str:
         """The method that serves a query under these limits, or one line that says why the asked one cannot.
 
         Parameters
         ----------
         method : {"auto", "octahedral", "radial", "exact"}
-        has_exact : bool
-            Whether the query has a form along arcs that knows of `spread`.
+        exact_limits : tuple of str
+            Limits that the query's form along arcs knows, one at a time.
         has_spread : bool
             Whether the query is a fraction of a cone at all.
         """
@@ -119,26 +119,36 @@ class Limits:
             raise InputError(
                 f"{given[0]} given with method='octahedral', which knows no limits: use method='radial'"
             )
-        others = tuple(name for name in given if name != "spread")
         if method == "exact":
-            if others:
-                raise InputError(
-                    f"{others[0]} given with method='exact', which knows spread alone: use method='radial'"
-                )
-            if not has_exact:
-                raise InputError(
-                    "spread given with method='exact', which knows it for ambient_occlusion alone: "
-                    "use method='radial'"
-                )
+            self._require_exact(exact_limits)
             return "exact"
         if self.spread >= LEAST_RADIAL_SPREAD:
             return "radial"
-        if method == "auto" and has_exact and not others:
+        only_spread = given == ("spread",) and "spread" in exact_limits
+        if method == "auto" and only_spread:
             return "exact"
-        better = "; use method='exact'" if has_exact and not others else ""
+        better = "; use method='exact'" if only_spread else ""
         raise InputError(
             f"spread is {self.spread:g}; radial isolines need {LEAST_RADIAL_SPREAD:g} to 90 degrees{better}"
         )
+
+    def _require_exact(self, exact_limits: tuple[str, ...]) -> None:
+        """One line of what is given and what arcs do not know."""
+        known = " and ".join(exact_limits) or "no limits"
+        for name in self.given:
+            if name not in exact_limits:
+                raise InputError(
+                    f"{name} given with method='exact', which knows {known} for this query: use method='radial'"
+                )
+        if len(self.given) > 1:
+            raise InputError(
+                f"{' and '.join(self.given)} given with method='exact', which knows one of them at a time: "
+                "use method='radial'"
+            )
+        if self.falloff != "none":
+            raise InputError(
+                f"falloff is {self.falloff!r} with method='exact', which knows none: use method='radial'"
+            )
 
 
 def _checked_distance(value: Any) -> float | str:

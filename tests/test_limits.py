@@ -563,7 +563,14 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"ground": "floor"}, "ground has dtype"),
     ({"max_distance": 1.0, "method": "octahedral"}, "max_distance given with method='octahedral'"),
     ({"spread": 20.0, "method": "octahedral"}, "spread given with method='octahedral'"),
-    ({"max_distance": 1.0, "method": "exact"}, "max_distance given with method='exact'"),
+    (
+        {"max_distance": 1.0, "method": "exact", "spread": 20.0},
+        "max_distance and spread given with method='exact', which knows one of them at a time",
+    ),
+    (
+        {"max_distance": 1.0, "method": "exact", "falloff": "linear"},
+        "falloff is 'linear' with method='exact', which knows none",
+    ),
     ({"backfaces": "ignore", "method": "exact"}, "backfaces given with method='exact'"),
     ({"ground": FLOOR, "method": "exact", "spread": 20.0}, "ground given with method='exact'"),
     (
@@ -582,8 +589,8 @@ def test_what_cannot_be_is_refused_in_one_line(options: dict[str, Any], message:
 
 
 def test_what_a_query_cannot_do_is_refused() -> None:
-    for query in (empty().sky_view_factor, empty().bent_normals):
-        with pytest.raises(InputError, match=r"spread given with method='exact'.*ambient_occlusion alone"):
+    for query, known in ((empty().sky_view_factor, "no limits"), (empty().bent_normals, "max_distance")):
+        with pytest.raises(InputError, match=rf"spread given with method='exact', which knows {known}"):
             query(ORIGIN, UP, method="exact", spread=20.0)
     for query in (empty().sh_transfer, empty().ambient_occlusion_gradient):
         with pytest.raises(TypeError, match="spread"):

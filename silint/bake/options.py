@@ -31,6 +31,9 @@ PER = ("vertex", "face")
 WEIGHTINGS = ("cosine", "uniform")
 NORMALS = ("auto", "file", "smooth", "flat")
 
+# Limits that quantities know with method "exact".
+_EXACT_LIMITS = {"ao": ("spread", "max_distance"), "bent": ("max_distance",)}
+
 Progress = Callable[[int, int], None]
 
 
@@ -161,7 +164,7 @@ class BakeOptions:
         limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, plane)
         if self.quantity == "irradiance" and limits.spread < 90.0:
             raise InputError(f"spread is {limits.spread:g}; quantity 'irradiance' has none: leave it out")
-        limits.method_for(self.method, has_exact=self.quantity == "ao", has_spread=True)
+        limits.method_for(self.method, _EXACT_LIMITS.get(self.quantity, ()), has_spread=True)
 
     def limits(self, scene: Scene, occluders: Sequence[Scene]) -> dict[str, Any]:
         """The limits that are given, as queries take them, in the unit of the scene.

@@ -270,9 +270,7 @@ def _sort(whole, real, n_active):
 
 
 @njit(**INNER)
-def reorder(
-    n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, edges, state, ball, arcs, n
-):
+def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, edges, state, ball, arcs, n):
     """Sort the list by falling value; pairs that trade places have crossed by now.
 
     Mostly all of them are hidden in whatever order they cross; then it does not matter where they do.

@@ -16,7 +16,7 @@ from numba import njit, prange
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, half_turn, passes_through, turns_left
 from silint.core.arrangement import new_sweep, sweep_arcs
-from silint.core.ball import clip_to_ball, closed_places, near_faces, new_ball, with_room
+from silint.core.ball import ball_of, clip_to_ball, closed_places, near_faces, with_room
 from silint.core.ball_arcs import cut_faces, face_circle
 from silint.core.boundary import place_arcs
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
@@ -200,7 +200,9 @@ def _sweep_point(
         w = axis_count(geometry, scratch.face_ids, n_along, p, n, frame, rounding, room)
         n_edges, n_pairs, n_arcs = n_contours, len(sweep.pairs), len(sweep.arcs)
         if ball is not None:
-            n_edges, n_rows = cut_faces(geometry, room, n_faces, n_rows, p, n, frame, rounding, sweep, n_edges)
+            n_edges, n_rows = cut_faces(
+                geometry, room, n_faces, n_rows, p, n, frame, rounding, sweep, n_edges
+            )
             if n_edges > len(sweep.edges):
                 sweep, room = new_sweep(2 * n_edges, n_pairs, n_arcs), with_room(room, 2 * n_edges, n_pairs)
                 continue
@@ -243,7 +245,6 @@ def _arcs_of_tiles(
     points,
     normals,
     reach,
-    ball,
     first,
     last,
     counts,
@@ -259,22 +260,25 @@ def _arcs_of_tiles(
     # Not literals, for which everything would be compiled again.
     search, scratch, n_found = new_search(8, 2048), _new_scratch(np.int64(64)), np.int64(0)
     contours = np.empty((_CAPACITY, 3), np.int32)
-    sweep, room = new_sweep(np.int64(_CAPACITY), np.int64(_PAIRS), np.int64(2 * _CAPACITY)), ball
-    n_faces, n_rows = np.int64(0), np.int64(0)
+    sweep = new_sweep(np.int64(_CAPACITY), np.int64(_PAIRS), np.int64(2 * _CAPACITY))
+    ball = ball_of(reach, len(faces.levels), np.int64(_CAPACITY), np.int64(_PAIRS))
+    n_faces, n_rows, farthest = np.int64(0), np.int64(0), np.inf
+    if reach is not None:
+        farthest = reach
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
         n_points = tile_last - tile_first
-        set_tile(points, normals, tile_first, tile_last, tile, reach)
+        set_tile(points, normals, tile_first, tile_last, tile, farthest)
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
             set_frame(n, frame)
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
-            set_point(p, n, across, over, _EVERYWHERE, tile, q[i - tile_first], reach)
+            set_point(p, n, across, over, _EVERYWHERE, tile, q[i - tile_first], farthest)
         search = search_tile(search, trees, tile, q[:n_points], no_lines, tally[tile_first:tile_last])
-        if ball is not None:
-            room = near_faces(room, faces, tile, q[:n_points], tally[tile_first])
+        if reach is not None:
+            ball = near_faces(ball, faces, tile, q[:n_points], tally[tile_first])
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
             n = normals[i, 0], normals[i, 1], normals[i, 2]
@@ -286,8 +290,8 @@ def _arcs_of_tiles(
             if most > len(sweep.edges):
                 n_pairs = len(sweep.pairs)
                 sweep = new_sweep(2 * most, n_pairs, len(sweep.arcs))
-                if ball is not None:
-                    room = with_room(room, 2 * most, n_pairs)
+                if reach is not None:
+                    ball = with_room(ball, 2 * most, n_pairs)
             n_contours = np.int64(0)
             for which in range(2):
                 tree = trees[which]
@@ -308,12 +312,12 @@ def _arcs_of_tiles(
                     n_contours,
                     tally[i],
                 )
-            if ball is not None:
-                room, n_contours, n_rows, n_faces = clip_to_ball(
-                    room, geometry.vertices, p, n, contours, n_contours, q[i - tile_first], tally[i]
+            if reach is not None:
+                ball, n_contours, n_rows, n_faces = clip_to_ball(
+                    ball, geometry.vertices, p, n, contours, n_contours, q[i - tile_first], tally[i]
                 )
             tally[i, CONTOURS] += n_contours
-            sweep, room, scratch, n_arcs, crossings, frames[i] = _sweep_point(
+            sweep, ball, scratch, n_arcs, crossings, frames[i] = _sweep_point(
                 geometry,
                 faces,
                 contours,
@@ -324,7 +328,7 @@ def _arcs_of_tiles(
                 frame,
                 scratch,
                 sweep,
-                room,
+                ball,
                 n_faces,
                 n_rows,
             )
@@ -336,7 +340,7 @@ def _arcs_of_tiles(
                     n_arcs,
                     sweep.edges,
                     sweep.state,
-                    room,
+                    ball,
                     seen,
                     frame,
                     directions,
@@ -401,39 +405,19 @@ def boundary_arcs(
         if block >= n_blocks:
             continue
         first, last = block * per_block, min((block + 1) * per_block, n)
-        if reach is None:
-            needed[block] = _arcs_of_tiles(
-                geometry,
-                (contour, boundary),
-                faces,
-                points,
-                normals,
-                np.inf,
-                None,
-                first,
-                last,
-                counts,
-                starts,
-                frames,
-                directions[block],
-                edges[block],
-                tally,
-            )
-        else:
-            needed[block] = _arcs_of_tiles(
-                geometry,
-                (contour, boundary),
-                faces,
-                points,
-                normals,
-                reach,
-                new_ball(reach, len(faces.levels), np.int64(_CAPACITY), np.int64(_PAIRS)),
-                first,
-                last,
-                counts,
-                starts,
-                frames,
-                directions[block],
-                edges[block],
-                tally,
-            )
+        needed[block] = _arcs_of_tiles(
+            geometry,
+            (contour, boundary),
+            faces,
+            points,
+            normals,
+            reach,
+            first,
+            last,
+            counts,
+            starts,
+            frames,
+            directions[block],
+            edges[block],
+            tally,
+        )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 
 from silint.core.ball_hits import Hits, clip_contours, new_hits
 from silint.core.jit import INNER
@@ -19,8 +20,9 @@ MOST_ENDS, N_END = 12, 7
 # Numbers for ends that are neither hits nor on the horizon, for each face: three arcs have no more.
 ENDS_OF_FACE = 3 * MOST_ENDS
 
-# Sectors so narrow that no face is taken to lie between two lines, but few enough for float32.
-_EVERY_SECTOR = 1e3
+# Sectors a radian, so narrow that by the roughness of azimuths alone nothing lies between two lines; but few enough
+# for float32.
+_EVERY_SECTOR = 1e5
 
 
 class Ball(NamedTuple):
@@ -34,15 +36,11 @@ class Ball(NamedTuple):
     hits: Hits  # where edges leave it
     cuts: np.ndarray  # (capacity, 2) int32: what of contour edges lies within, see `ball_hits.clip_contours`
     offsets: np.ndarray  # (capacity,) float64: c of those edges of the sweep that are ROUND
-    stops: np.ndarray  # (pairs, 3) float64: azimuth, its cosine and sine, at which the sweep looks at its order
+    stops: (
+        np.ndarray
+    )  # (pairs, 3) float64: azimuth, its cosine and sine, at which the sweep looks at its order
     around: np.ndarray  # (6, 2) int64: hits round a face, and whether the edge enters the ball there
     ends: np.ndarray  # (MOST_ENDS + 2, N_END) float64: of an arc
-
-
-@njit(**INNER)
-def new_ball(reach, n_levels, capacity, pairs):
-    """A ball with so much room, and a tree of faces with so many levels."""
-    return _ball(reach, new_face_search(np.int64(1), n_levels), new_hits(256), capacity, pairs)
 
 
 @njit(**INNER)
@@ -62,6 +60,26 @@ def _ball(reach, faces, hits, capacity, pairs):
         np.empty((6, 2), np.int64),
         np.empty((MOST_ENDS + 2, N_END)),
     )
+
+
+@njit(**INNER)
+def _new_ball(reach, n_levels, capacity, pairs):
+    return _ball(reach, new_face_search(np.int64(1), n_levels), new_hits(256), capacity, pairs)
+
+
+def ball_of(reach, n_levels, capacity, pairs):
+    """A ball with so much room, and a tree of faces with so many levels; None for no `reach`.
+
+    An overload, so that what only a ball needs is not even compiled without one.
+    """
+    return None if reach is None else _new_ball(reach, n_levels, capacity, pairs)
+
+
+@overload(ball_of)
+def _ball_of(reach, n_levels, capacity, pairs):
+    if isinstance(reach, types.NoneType):
+        return lambda reach, n_levels, capacity, pairs: None
+    return lambda reach, n_levels, capacity, pairs: _new_ball(reach, n_levels, capacity, pairs)
 
 
 @njit(**INNER)

@@ -192,37 +192,41 @@ def _emit_above(ends, i, axis, c, first, second, begin, normal, f, n_closed, off
     swing = np.sqrt((1.0 - c) * (1.0 + c) * (u * u + v * v))
     dips = abs(level) < swing
     up_i, up_j = ends[i, _UP] > 0.0, ends[i + 1, _UP] > 0.0
+    # Not literals, for which everything would be compiled again.
+    i, j, spare, other = np.int64(i), np.int64(i + 1), np.int64(MOST_ENDS), np.int64(MOST_ENDS + 1)
     if up_i and up_j and not dips:
-        return _emit(ends, i, i + 1, axis, c, first, second, f, begin, offsets, sweep, count)
+        return _emit(ends, i, j, axis, c, first, second, f, begin, offsets, sweep, count)
     if not up_i and not up_j and not dips:
         return count
     # n.w = level + swing cos(angle - top) falls through 0 at top + half, and rises through it at top - half.
     start = begin + ends[i, _ANGLE]
-    length = ends[i + 1, _ANGLE] - ends[i, _ANGLE]
+    length = ends[j, _ANGLE] - ends[i, _ANGLE]
     half = np.arccos(min(max(-level / swing, -1.0), 1.0)) if swing > 0.0 else 0.0
     top = azimuth(u, v) - start
     falls, rises = _wrap(top + half), _wrap(top - half)
     if up_i == up_j:
         if falls >= length or rises >= length or (falls < rises) != up_i:
-            return _emit(ends, i, i + 1, axis, c, first, second, f, begin, offsets, sweep, count) if up_i else count
+            return (
+                _emit(ends, i, j, axis, c, first, second, f, begin, offsets, sweep, count) if up_i else count
+            )
     elif up_i:
         falls = falls if falls < length else (length if falls - length < _TWO_PI - falls else 0.0)
     else:
         rises = rises if rises < length else (length if rises - length < _TWO_PI - rises else 0.0)
     if up_i:
         w = _at(start + falls, axis, c, first, second)
-        _set_end(ends, MOST_ENDS, w, ends[i, _ANGLE] + falls, n_closed + count, False)
-        count = _emit(ends, i, MOST_ENDS, axis, c, first, second, f, begin, offsets, sweep, count)
+        _set_end(ends, spare, w, ends[i, _ANGLE] + falls, n_closed + count, False)
+        count = _emit(ends, i, spare, axis, c, first, second, f, begin, offsets, sweep, count)
     if up_j:
         w = _at(start + rises, axis, c, first, second)
-        _set_end(ends, MOST_ENDS, w, ends[i, _ANGLE] + rises, n_closed + count, False)
-        count = _emit(ends, MOST_ENDS, i + 1, axis, c, first, second, f, begin, offsets, sweep, count)
+        _set_end(ends, spare, w, ends[i, _ANGLE] + rises, n_closed + count, False)
+        count = _emit(ends, spare, j, axis, c, first, second, f, begin, offsets, sweep, count)
     if not up_i and not up_j:
         w = _at(start + rises, axis, c, first, second)
-        _set_end(ends, MOST_ENDS, w, ends[i, _ANGLE] + rises, n_closed + count, False)
+        _set_end(ends, spare, w, ends[i, _ANGLE] + rises, n_closed + count, False)
         w = _at(start + falls, axis, c, first, second)
-        _set_end(ends, MOST_ENDS + 1, w, ends[i, _ANGLE] + falls, n_closed + count, False)
-        count = _emit(ends, MOST_ENDS, MOST_ENDS + 1, axis, c, first, second, f, begin, offsets, sweep, count)
+        _set_end(ends, other, w, ends[i, _ANGLE] + falls, n_closed + count, False)
+        count = _emit(ends, spare, other, axis, c, first, second, f, begin, offsets, sweep, count)
     return count
 
 
@@ -351,7 +355,20 @@ def cut_faces(geometry, ball, n_faces, n_rows, p, n, frame, rounding, sweep, cou
             _set_end(ends, 0, w, 0.0, spare, _dot(w, normal) > 0.0)
             _set_end(ends, 1, w, _TWO_PI, spare, _dot(w, normal) > 0.0)
             count, spare = _place(
-                ends, axis, c, first, second, 0.0, normal, f, tie, spare + 1, n_closed, ball.offsets, sweep, count
+                ends,
+                axis,
+                c,
+                first,
+                second,
+                0.0,
+                normal,
+                f,
+                tie,
+                spare + 1,
+                n_closed,
+                ball.offsets,
+                sweep,
+                count,
             )
             continue
         for j in range(number):
@@ -377,7 +394,20 @@ def cut_faces(geometry, ball, n_faces, n_rows, p, n, frame, rounding, sweep, cou
             _set_end(ends, 1, (s * u[0], s * u[1], s * u[2]), turn, n_vertices + end, False)
             ends[1, _KEY], ends[1, _UP] = azimuth(u[0], u[1]), n[0] * x + n[1] * y + n[2] * z > 0.0
             count, spare = _place(
-                ends, axis, c, first, second, begin, normal, f, tie, spare, n_closed, ball.offsets, sweep, count
+                ends,
+                axis,
+                c,
+                first,
+                second,
+                begin,
+                normal,
+                f,
+                tie,
+                spare,
+                n_closed,
+                ball.offsets,
+                sweep,
+                count,
             )
     return count, n_rows
 
@@ -389,5 +419,7 @@ def _place(ends, axis, c, first, second, begin, normal, f, tie, spare, n_closed,
     n_ends = _add_turns(ends, 2, axis, c, first, second, begin, turn, tie, normal)
     n_ends, spare = _cut_long(ends, n_ends, axis, c, first, second, begin, spare, normal)
     for i in range(n_ends - 1):
-        count = _emit_above(ends, i, axis, c, first, second, begin, normal, f, n_closed, offsets, sweep, count)
+        count = _emit_above(
+            ends, i, axis, c, first, second, begin, normal, f, n_closed, offsets, sweep, count
+        )
     return count, spare

@@ -147,7 +147,9 @@ def clip_contours(contours, n_contours, hits, vertices, p, n, reach, cuts):
         number, a_inside = hits.number[row], is_inside(vertices, a, p, reach)
         start = -1 if a_inside else 2 * row
         end = 2 * row + number - 1 if number > int(not a_inside) else -1
-        if not (_is_above(start, a, hits.places, vertices, p, n) or _is_above(end, b, hits.places, vertices, p, n)):
+        if not (
+            _is_above(start, a, hits.places, vertices, p, n) or _is_above(end, b, hits.places, vertices, p, n)
+        ):
             continue
         contours[kept, 0], contours[kept, 1], contours[kept, 2] = a, b, contours[i, 2]
         cuts[kept, 0], cuts[kept, 1] = start, end

@@ -122,6 +122,7 @@ def box_mask(nodes, block, view, n_lines, seen, ranges):
         seen[i] = x * x + y * y + z * z
         seen[i + _U1] = low - _F(_KEY_ERROR) * (_ONE + abs(low))
         seen[i + _U2] = high + _F(_KEY_ERROR) * (_ONE + abs(high))
-        drop = drop | (count <= none)
+        # A box centred on the axis has no azimuth, and none of its own width.
+        drop = drop | ((count <= none) & (not inside))
         mask |= np.uint32(not drop) << np.uint32(i)
     return np.int64(mask)

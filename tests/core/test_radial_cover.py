@@ -329,3 +329,15 @@ def test_boxes_bound_all_that_is_in_them(n_lines: int) -> None:
             assert low <= key.min() and key.max() <= high
             # Sector s lies before line s.
             assert ((sectors - first) % n_lines <= count).all() or count == n_lines
+
+
+def test_a_box_centred_on_the_point_is_seen_all_round() -> None:
+    """Its azimuth is that of nothing: such a bundle was left out."""
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = np.array([f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])], np.int32)
+    topology = topology_of((corners + 3.0, faces))
+    normals = np.stack([np.eye(3)[0], np.eye(3)[2], np.ones(3) / np.sqrt(3.0)])
+    centre = np.tile(topology.vertices.mean(axis=0), (3, 1))
+    counts, _ = cover(topology, build_face_bundles(topology), centre, normals)
+    assert counts.sum() == 0
