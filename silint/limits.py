@@ -138,7 +138,8 @@ class Limits:
         for name in self.given:
             if name not in exact_limits:
                 raise InputError(
-                    f"{name} given with method='exact', which knows {known} for this query: use method='radial'"
+                    f"{name} given with method='exact', which knows {known} for this query: "
+                    "use method='radial'"
                 )
         if len(self.given) > 1:
             raise InputError(

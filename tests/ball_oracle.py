@@ -1,10 +1,11 @@
 """The oracle for exact mode within a distance: every circle against every circle, every side by rays.
 
-The boundary of what is visible within R lies on great circles through edges, on the circles in which the planes of
-faces cut the ball, and on the horizon. All of these circles are taken whole, cut wherever they meet another, and
-each piece is looked at on both sides: rays that end at R, against all faces. Where just one side is visible, the
-piece is boundary, and the integral over it is taken numerically, as that of F(theta) dphi about the normal with F
-the weight's own integral from 0 to theta. Nothing is known of contours, depth counts or closed forms.
+The boundary of what is visible within R lies on great circles through edges, on the circles in which the
+planes of faces cut the ball, and on the horizon. All of these circles are taken whole, cut wherever they meet
+another, and each piece is looked at on both sides: rays that end at R, against all faces. Where just one side
+is visible, the piece is boundary, and the integral over it is taken numerically, as that of F(theta) dphi
+about the normal, F being the integral of the weight from 0 to theta. Nothing is known of contours, depth
+counts or closed forms.
 
 Right to about 1e-9 for scenes in general position, where no two circles touch.
 """
@@ -99,5 +100,4 @@ def integrals(
             across_x, across_y = (square * x / 3 * turn).sum(), (square * y / 3 * turn).sum()
             along = ((1 - z**3) / 3 * turn).sum()
             total[2:] += sign / np.pi * np.array([across_x, across_y, along]) @ frame
-    # What encloses the pole once more than it should: the boundary of the hemisphere is the horizon's circle.
     return total

@@ -79,7 +79,7 @@ def exact(sil: SilhouetteIntegrator, p: np.ndarray, n: np.ndarray, R: float | st
     return np.concatenate(columns, axis=1)
 
 
-# ---------------------------------------------------------------------------------------------- closed forms
+# ----------------------------------------------------------------------------------------------- closed forms
 
 
 @pytest.mark.parametrize("R", [1.25, 2.0, 10.0])
@@ -129,7 +129,7 @@ def test_a_polygon_overhead_is_cut_by_a_circle(R: float) -> None:
     assert abs(found - (1 - hidden)) < 1e-9
 
 
-# -------------------------------------------------------------------------------------------------- the oracle
+# ------------------------------------------------------------------------------------------------- the oracle
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -153,7 +153,7 @@ def test_the_oracle_agrees_on_many(seed: int) -> None:
             np.testing.assert_allclose(exact(sil, p, n, R), expected, rtol=0, atol=1e-9)
 
 
-# ------------------------------------------------------------------------------------- nothing in general position
+# -------------------------------------------------------------------------------- nothing in general position
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_integer_boxes_and_integer_distances(scene: tuple[Mesh, np.ndarray, np.n
     assert np.abs(found.value - lines).max() < ROUGH + CONTACT
 
 
-# --------------------------------------------------------------------------------------------------- whole scenes
+# ----------------------------------------------------------------------------------------------- whole scenes
 
 
 @cache

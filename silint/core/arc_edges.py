@@ -22,7 +22,7 @@ NORMAL, START, END, OPEN, LOW, HIGH, STEEP, N_EDGE = 0, 3, 6, 9, 12, 13, 14, 15
 # cot(theta):
 ALONG, ACROSS, N_CIRCLE = 0, 1, 2
 # What the depth count gains across it, away from the axis; its vertices; the visible side (+1 towards the
-# axis, -1 away from it, 0 neither); whether it is kept between LOW and HIGH, or even an arc of a small circle,
+# axis, -1 away from it, 0 neither); whether it is kept between LOW and HIGH, or even lies on a small circle,
 # which is ROUND.
 GAIN, FROM, TO, SIDE, NARROW, N_STATE = 0, 1, 2, 3, 4, 5
 ROUND = 2
@@ -213,7 +213,7 @@ def direct_edges(
     ball : Ball or None
         Of which edges have parts within: see `ball_hits.clip_contours`.
     n_closed : int
-        Numbers below this stand for places where edges follow each other: vertices, and where they leave a ball.
+        Numbers below this stand for places where edges follow each other: vertices, and ends in a ball.
     lanes : (N_LANE_FIELDS * 16,) float64
         Scratch.
     edges, circles, state : (capacity, N_EDGE), (capacity, N_CIRCLE) float64, (capacity, N_STATE) int32, out

@@ -57,7 +57,8 @@ def _turn_frame(frame):
 def axis_count(geometry, face_ids, n_along, p, n, frame, rounding, ball):
     """W along the axis of the frame: the faces that wind round it and leave the depth count as edges say.
 
-    Within a ball, those that the axis meets in it. With the azimuths and directions of arc_edges, so that this count and the sweep cannot disagree.
+    Within a ball, those that the axis meets in it. With the azimuths and directions of arc_edges, so that
+    this count and the sweep cannot disagree.
     """
     vertices, faces, face_planes = geometry.vertices, geometry.faces, geometry.face_planes
     planes, plane_errors = geometry.planes, geometry.plane_errors

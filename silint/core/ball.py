@@ -14,14 +14,14 @@ from silint.core.lanes import WIDTH
 from silint.core.search import P_PER_RADIAN
 from silint.core.sphere_search import FaceSearch, find_faces, gather_faces, new_face_search
 
-# Ends of one arc at most: its own, four where azimuth turns back or is cut, and those of long pieces. Two more
-# are scratch.
+# Ends of one arc at most: its own, four where azimuth turns back or is cut, and those of long pieces. Two
+# more are scratch.
 MOST_ENDS, N_END = 12, 7
 # Numbers for ends that are neither hits nor on the horizon, for each face: three arcs have no more.
 ENDS_OF_FACE = 3 * MOST_ENDS
 
-# Sectors a radian, so narrow that by the roughness of azimuths alone nothing lies between two lines; but few enough
-# for float32.
+# Sectors a radian, so narrow that by the roughness of azimuths alone nothing lies between two lines; but few
+# enough for float32.
 _EVERY_SECTOR = 1e5
 
 
@@ -144,5 +144,5 @@ def clip_to_ball(ball, vertices, p, n, contours, n_contours, q, tally):
 
 @njit(**INNER)
 def closed_places(n_vertices, ball, n_faces):
-    """Where edges follow each other: vertices, places where they leave the ball, and ends of pieces of arcs."""
+    """Numbers of places where edges follow each other: vertices, hits, and ends of pieces of arcs."""
     return n_vertices + 2 * len(ball.hits.ends) + ENDS_OF_FACE * n_faces

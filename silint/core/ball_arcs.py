@@ -1,9 +1,9 @@
 """Where faces leave the ball about a shade point: small circle arcs for the sweep.
 
-What a face covers within the ball is its triangle and a disc in common: a region whose boundary runs along edges
-inside the ball and along arcs of the circle. Round the triangle, edges leave and enter the ball by turns
-(`ball_hits`); wherever one leaves it, an arc leads to where the next one enters. An arc is cut into pieces of
-rising azimuth, and where it dips under the horizon.
+What a face covers within the ball is its triangle and a disc in common: a region whose boundary runs along
+edges inside the ball and along arcs of the circle. Round the triangle, edges leave and enter the ball by
+turns (`ball_hits`); wherever one leaves it, an arc leads to where the next one enters. An arc is cut into
+pieces of rising azimuth, and where it dips under the horizon.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Where edges leave the ball about a shade point: found once for an edge, and shared by all that meet there.
 
-A vertex is inside the ball or not; an edge leaves it once between a vertex inside and one outside, and twice or
-never between two that are outside. So the parts of edges in the ball and the parts of faces on its sphere close
-up, whatever rounding does to the places.
+A vertex is inside the ball or not; an edge leaves it once between a vertex inside and one outside, and twice
+or never between two that are outside. So the parts of edges in the ball and the arcs of faces on its sphere
+close up, whatever rounding does to the places.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _chord(vertices, u, v, p, reach):
     ex = vertices[v, 0] - vertices[u, 0]
     ey = vertices[v, 1] - vertices[u, 1]
     ez = vertices[v, 2] - vertices[u, 2]
-    # From the distance to the line: a difference of squared distances of its ends would lose it on long edges.
+    # By the distance to the line: a difference of squared distances of its ends would lose it on long edges.
     square = ex * ex + ey * ey + ez * ez
     cx, cy, cz = y * ez - z * ey, z * ex - x * ez, x * ey - y * ex
     rest = square * reach * reach - (cx * cx + cy * cy + cz * cz)
@@ -122,7 +122,7 @@ def _is_above(place, v, places, vertices, p, n):
 
 @njit(**INNER)
 def clip_contours(contours, n_contours, hits, vertices, p, n, reach, cuts):
-    """Keep those contour edges of which a part lies in the ball, which is one part always, and above the horizon.
+    """Keep those contour edges of which a part lies in the ball, which is one part, and above the horizon.
 
     Parameters
     ----------

@@ -1,14 +1,14 @@
 """Small circles of the sphere of directions, as edges of the sweep: where faces leave a ball.
 
-The ball of radius R about the shade point cuts a plane at the distance d in a circle, seen as N.w = c with c =
-d / R and N the unit normal towards it. In the frame of `radial`, with its axis N on the left, such a circle runs
-towards rising azimuth phi where
+The ball of radius R about the shade point cuts a plane at the distance d in a circle, seen as N.w = c with
+c = d / R and N the unit normal towards it. In the frame of `radial`, with its axis N on the left, such a
+circle runs towards rising azimuth phi where
 
     cos(theta) = (c N_A - B r) / q,    sin(theta) = (c B + N_A r) / q,
     B = N_T cos(phi) + N_M sin(phi),   q = B^2 + N_A^2,   r = sqrt(q - c^2)
 
-(half-plane and circle meet at theta_0 -+ arccos(c / sqrt(q)), tan(theta_0) = B / N_A; the other branch runs the
-other way, and with -N and -c this one). A great circle has c = 0.
+(half-plane and circle meet at theta_0 -+ arccos(c / sqrt(q)), tan(theta_0) = B / N_A; the other branch runs
+the other way, and with -N and -c this one). A great circle has c = 0.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Closed forms over what is visible within a distance, from boundary arcs of which some lie on small circles.
 
-Where a face leaves the ball about the shade point, the boundary runs along the circle N.w = c, with the visible
-side and N on its left. With D its angle about N, from a to b, and rho^2 = 1 - c^2:
+Where a face leaves the ball about the shade point, the boundary runs along the circle N.w = c, with the
+visible side and N on its left. With D its angle about N, from a to b, and rho^2 = 1 - c^2:
 
     1/2 int w x dw = 1/2 (rho^2 D N + c N x (b - a))
     int_V dw       : what an arc adds to the triangle (n, a, b) is the segment between circle and chord,
                      D (1 - c) - 2 arctan2((1 - c) sin(D), 1 + c + (1 - c) cos(D)): a sector less a triangle
-    int_V w w^T dw : 1/3 (int_V dw) 1 + 1/6 sum int (w m^T + m w^T) ds, m = (N - c w) / rho the normal of the arc
+    int_V w w^T dw : 1/3 (int_V dw) 1 + 1/6 sum int (w m^T + m w^T) ds, m = (N - c w) / rho
 
 which are those of `arcs` for c = 0, and their limits for polygons of great circle arcs.
 """
@@ -44,7 +44,7 @@ def _solid(a, normal, chord, c, n):
     if c == 0.0:
         solid, _ = triangle(a, normal, chord, n)
         return solid
-    turn, square = _turn(a, normal, chord, c)
+    turn, _ = _turn(a, normal, chord, c)
     over = dot(n, cross(a, chord))
     solid = 2.0 * angle(over, 2.0 - 0.5 * dot(chord, chord) + 2.0 * dot(a, n) + dot(chord, n))
     # About the end of the axis that is nearer to the circle.
