@@ -117,17 +117,32 @@ def _circle_crossing(e, f, key_0, key_1, t, m, circles, edges, state, ball):
 
 
 @njit(**INNER)
+def _misses(e, axis, c, edges):
+    """Whether an edge lies on one side of the plane N.w = c: short arcs lie in the ball over their chord."""
+    a, b, d = axis
+    x = a * (edges[e, START] + edges[e, END]) + b * (edges[e, START + 1] + edges[e, END + 1])
+    x += d * (edges[e, START + 2] + edges[e, END + 2]) - 2.0 * c
+    return x * x > _chord(e, edges)
+
+
+@njit(**INNER)
 def crossed_twice(e, f, key_0, key_1, edges, state, ball):
     """An azimuth between two crossings of two edges within an interval; -1 where there are no two.
 
     Between events that are found in this way, no two edges cross twice.
     """
     c, d = circle_offset(e, state, ball), circle_offset(f, state, ball)
-    meet, first, second = circles_meet(axis_of(e, edges), c, axis_of(f, edges), d)
-    key, other = azimuth(first[0], first[1]), azimuth(second[0], second[1])
-    if not meet or not (key_0 < key < key_1 and key_0 < other < key_1):
+    axis, other = axis_of(e, edges), axis_of(f, edges)
+    if _misses(e, other, d, edges) or _misses(f, axis, c, edges):
         return -1.0
-    return 0.5 * (key + other)
+    meet, first, second = circles_meet(axis, c, other, d)
+    if not meet:
+        return -1.0
+    key = azimuth(first[0], first[1])
+    if not key_0 < key < key_1:
+        return -1.0
+    again = azimuth(second[0], second[1])
+    return 0.5 * (key + again) if key_0 < again < key_1 else -1.0
 
 
 @njit(**INNER)
