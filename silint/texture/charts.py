@@ -51,6 +51,8 @@ class Charts(NamedTuple):
     """(B, 2) half-edges on the borders of charts: face, and corner that the half-edge starts from."""
     hard: npt.NDArray[np.bool_]
     """(F, 3) whether the half-edge from each corner is a border, or one at which the chart bends."""
+    joined: IntArray
+    """(J, 2) faces on the two sides of each edge within a chart."""
     across: npt.NDArray[np.int32]
     """(F, 3) the face on the other side of a half-edge on a smooth seam; -1 elsewhere."""
     seams: Seams
@@ -131,7 +133,8 @@ def charts_of(
     a, b = order[runs[lengths == 2]], order[runs[lengths == 2] + 1]
     uv = uvs[face[:, None], ends]
     same = (uv[a] == uv[b]).all(axis=(1, 2))
-    joined = coo_matrix((np.ones(same.sum(), bool), (face[a[same]], face[b[same]])), (len(uvs), len(uvs)))
+    pairs = np.stack([face[a[same]], face[b[same]]], axis=1)
+    joined = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(uvs), len(uvs)))
     _, label = connected_components(joined, directed=False)
     _, numbered = np.unique(label[faces], return_inverse=True)
     of_face = np.full(len(uvs), -1, np.int32)
@@ -153,4 +156,4 @@ def charts_of(
     a, b = a[smooth], b[smooth]
     across[face[a], start[a]], across[face[b], start[b]] = face[b], face[a]
     seams = Seams(uv[a], uv[b], int((~smooth).sum()))
-    return Charts(of_face, int(numbered.max()) + 1, borders, hard, across, seams)
+    return Charts(of_face, int(numbered.max()) + 1, borders, hard, pairs, across, seams)

@@ -26,8 +26,8 @@ IntArray = npt.NDArray[np.int64]
 
 # Samples a texel of seam.
 _DENSITY = 2.0
-# Weight of a texel's own value: a jump falls to some percent, and nothing is moved without need.
-_PULL = 1e-2
+# Weight of a texel's own value: a jump falls to some thousandths, and nothing is moved without need.
+_PULL = 1e-3
 _STEPS = 200
 # Values that leave their range are cut off, and the rest made to agree with them, this many times.
 _ROUNDS = 4

@@ -13,8 +13,9 @@ from silint.scene import Scene
 from silint.texture.charts import Charts, charts_of, check_range
 from silint.texture.files import Corners
 from silint.texture.shading import Tangents, corner_normals, corner_tangents, face_normals, frames
+from silint.texture.slits import cut_at_slits
 from silint.texture.texels import Texels, across_seams, find_texels
-from silint.texture.unwrap import unwrap
+from silint.texture.unwrap import repack, unwrap
 from silint.validation import InputError
 
 __all__ = ["Surface", "in_tangent_space", "shade_points", "surface_of", "tangents_of"]
@@ -25,6 +26,10 @@ FloatArray = npt.NDArray[np.float64]
 # of the surface that has no area in the texture.
 _MOST_OVERLAP = 0.01
 _MOST_WITHOUT_AREA = 0.01
+
+# How often unwrapped charts are cut where they come too close to themselves: packed anew, they fall on other
+# texels, and a slit that was just wide enough may no longer be.
+_CUTS = 4
 
 # How far, as the sine of an angle, a shading normal stays above its face.
 _ABOVE = 2.0**-8
@@ -65,11 +70,28 @@ def surface_of(
                 raise InputError(f"{path}: {error}; use uv='unwrap'") from None
             reason = str(error)
     try:
-        welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
-        uvs = unwrap(scene.vertices[scene.first_vertices], welded, size)
-        return _laid_out(scene, uvs, size, samples, chosen, "unwrapped", reason)
+        return _unwrapped(scene, size, samples, chosen, reason)
     except InputError as error:
         raise InputError(f"{path}: {f'{reason}, and ' if reason else ''}{error}") from None
+
+
+def _unwrapped(
+    scene: Scene, size: int, samples: int, chosen: npt.NDArray[np.bool_] | slice, reason: str
+) -> Surface:
+    """The mesh on coordinates by xatlas, whose charts are cut at slits."""
+    welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
+    uvs = unwrap(scene.vertices[scene.first_vertices], welded, size)
+    surface = _laid_out(scene, uvs, size, samples, chosen, "unwrapped", reason)
+    for _ in range(_CUTS):
+        charts, uvs = surface.charts, surface.corners.uvs
+        pieces = cut_at_slits(charts, surface.texels.rivals, uvs)
+        if pieces.max() < charts.n_charts:
+            break
+        again = _laid_out(scene, repack(uvs, pieces, size), size, samples, chosen, "unwrapped", reason)
+        if again.texels.shared >= surface.texels.shared:
+            break
+        surface = again
+    return surface
 
 
 def _laid_out(
