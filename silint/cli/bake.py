@@ -208,6 +208,15 @@ def _print_texture_notes(summary: dict[str, Any]) -> None:
     for meaning, count in told.items():
         if count:
             print(f"{count:,} {meaning}")
+    if "asset" in summary:
+        asset = summary["asset"]
+        sets = " and ".join(f"TEXCOORD_{n}" for n in asset["texcoord"])
+        had = f"; {asset['replaced']:,} had one before" if asset["replaced"] else ""
+        print(
+            f"the source is kept: {asset['materials']:,} of its materials have the occlusion, by {sets}{had}"
+        )
+    if "left_out" in summary:
+        print(f"left out of the source: {', '.join(summary['left_out'])}; {summary['left_out_reason']}")
     if "largest_jump_before" in seams:
         print(
             f"across seams at most {seams['largest_jump_before']:.1e} apart, "

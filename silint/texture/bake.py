@@ -15,12 +15,14 @@ from silint import __version__
 from silint.bake import BakeOptions, check_unread, peak_memory
 from silint.bake.targets import Sites, chosen_faces
 from silint.io import LUMINANCE, TONE_CURVE, check_output
+from silint.texture.asset import Asset, left_out, open_asset, with_occlusion
 from silint.texture.files import SUFFIXES, Corners, check_packages, write_texture
 from silint.texture.shading import read_normal_map
 from silint.validation import InputError, choice, positive_int, unit_vector
 
 if TYPE_CHECKING:
     from silint.environment import Environment
+    from silint.scene import Scene
     from silint.texture.surface import Surface
 
 __all__ = ["GREENS", "MAX_SIZE", "SPACES", "SUFFIXES", "UV_SOURCES", "bake_texture"]
@@ -105,7 +107,9 @@ def bake_texture(
     dict
         Counts, seconds, statistics, diagnostics. ``texels`` counts those covered, with several samples,
         overlapping and shared between charts closer than 2 texels; ``seams`` has the largest and the RMS
-        difference across seams before and after they were made to agree.
+        difference across seams before and after they were made to agree. Of .glb: ``asset``, what
+        `silint.texture.asset.with_occlusion` tells where the source is kept, else ``left_out``, what the
+        source has and the output has not, and ``left_out_reason``.
 
     Raises
     ------
@@ -140,6 +144,7 @@ def bake_texture(
 
     times = [time.perf_counter()]
     scene = load_scene(mesh_path)
+    asset, lost = _source(scene, Path(mesh_path), target, quantity)
     occluders = [as_scene(occluder) for occluder in asked.occluders]
     limits = asked.limits(scene, occluders)
     times.append(time.perf_counter())
@@ -190,7 +195,17 @@ def bake_texture(
     }
     c = surface.corners
     written = Corners(c.positions[chosen], c.vertices[chosen], c.normals[chosen], c.uvs[chosen])
-    write_texture(target, quantity, image, coverage, written, metadata)
+    told_of_asset: dict[str, Any] = {}
+    kept = None
+    if asset is not None:
+        baked = np.zeros(scene.n_faces, bool)
+        baked[chosen] = True
+
+        def kept(png: bytes) -> bytes:
+            data, told_of_asset["asset"] = with_occlusion(asset, c.uvs, baked, png, metadata)
+            return data
+
+    write_texture(target, quantity, image, coverage, written, metadata, kept)
     times.append(time.perf_counter())
 
     told = values[:, 0]
@@ -217,6 +232,8 @@ def bake_texture(
             "shared": texels.shared,
         },
         "seams": seams,
+        **told_of_asset,
+        **lost,
         "faces_without_area": surface.without_area,
         "turned_normals": turned,
         "mean": float(told.mean()),
@@ -251,6 +268,22 @@ def _checked_options(
     from silint.texture.texels import MAX_SAMPLES
 
     return positive_int(samples, "samples", 1, MAX_SAMPLES)
+
+
+def _source(scene: Scene, path: Path, target: Path, quantity: str) -> tuple[Asset | None, dict[str, Any]]:
+    """The glTF file that a .glb is to keep, or what that leaves out of its source and why."""
+    if target.suffix.lower() != ".glb":
+        return None, {}
+    reason = "only .glb and .gltf are kept"
+    if path.suffix.lower() in (".glb", ".gltf"):
+        reason = f"{quantity} is shown by a material of its own"
+        if quantity in ("ao", "sky"):
+            asset = open_asset(path, scene.faces)
+            if not isinstance(asset, str):
+                return asset, {}
+            reason = asset
+    names = left_out(path)
+    return None, {"left_out": names, "left_out_reason": reason} if names else {}
 
 
 def _seams(

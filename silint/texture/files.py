@@ -6,11 +6,13 @@
 ``.exr``    float32, the values themselves: channel Y for ao and sky, R G B for the rest (bent normals
             keep their length), and ``coverage``: 1 where a texel has a value of its own, 0 in padding
 ``.glb``    the mesh with its texture coordinates, and the picture of ``.png`` inside: ao and sky as
-            ``occlusionTexture`` (its red channel) of a white material, the rest as ``baseColorTexture``
-            of an unlit one, so that viewers show the colours themselves
+            ``occlusionTexture`` (its red channel) of the materials of a glTF source, which is kept whole,
+            or of a white one; the rest as ``baseColorTexture`` of an unlit one, so that viewers show the
+            colours themselves
 ==========  ========================================================================================
 
-The metadata stands in the text chunk or attribute ``silint``, in .glb in the mesh's ``extras``.
+The metadata stands in the text chunk or attribute ``silint``, in .glb in the ``extras`` of the mesh,
+or of ``asset`` where a source is kept.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import io
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -96,6 +99,7 @@ def write_texture(
     coverage: npt.NDArray[np.bool_],
     mesh: Corners,
     metadata: dict[str, Any],
+    kept: Callable[[bytes], bytes] | None = None,
 ) -> None:
     """Write a texture in the format that the suffix names.
 
@@ -110,6 +114,8 @@ def write_texture(
         For .glb.
     metadata : dict
         Anything that JSON can hold.
+    kept : callable, optional
+        From a .png to the .glb that shall hold it, in place of one made anew of `mesh`.
 
     Raises
     ------
@@ -122,7 +128,9 @@ def write_texture(
         return
     mean = float((values[coverage] @ LUMINANCE).mean()) if quantity == "irradiance" else 1.0
     png = _png_bytes(picture(quantity, values, mean), metadata)
-    write_bytes(target, png if suffix == ".png" else _glb_bytes(quantity, png, mesh, metadata))
+    if suffix == ".glb":
+        png = kept(png) if kept is not None else _glb_bytes(quantity, png, mesh, metadata)
+    write_bytes(target, png)
 
 
 def _png_bytes(pixels: npt.NDArray[np.uint8], metadata: dict[str, Any]) -> bytes:
