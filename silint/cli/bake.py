@@ -203,6 +203,10 @@ def _print_texture_notes(summary: dict[str, Any]) -> None:
         "overlapping texels belong to more than one face": texels["overlapping"],
         "texels are read beside two charts at once, which are closer than 2 texels": texels["shared"],
         "faces have no area, in space or in the texture, and no texels": summary["faces_without_area"],
+        "faces have coordinates in other squares than [0, 1] and were moved there": summary["shifted_faces"],
+        "corners have coordinates beyond [0, 1] by half a texel or less, and were clamped": summary[
+            "clamped_corners"
+        ],
         "normals of the map looked below the surface and were turned": summary["turned_normals"],
     }
     for meaning, count in told.items():

@@ -82,7 +82,8 @@ def bake_texture(
         As in `silint.bake.bake`.
     uv : {"auto", "file", "unwrap"}
         Texture coordinates: the file's, or new ones by xatlas. "auto" takes the file's where they fit: inside
-        [0, 1], and no two charts in one place.
+        [0, 1], and no two charts in one place. Charts that stand whole in another square of the integer grid
+        are moved into that one, and what is beyond it by half a texel (1e-3 at most) is clamped.
     padding : int, optional
         Texels around charts that get the value of the nearest chart. By default all there are, so that no
         background shows at any mip level.
@@ -235,6 +236,8 @@ def bake_texture(
         **told_of_asset,
         **lost,
         "faces_without_area": surface.without_area,
+        "shifted_faces": surface.shifted,
+        "clamped_corners": surface.clamped,
         "turned_normals": turned,
         "mean": float(told.mean()),
         "min": float(told.min()),

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from silint.io.uvs import read_uvs
 from silint.scene import Scene
-from silint.texture.charts import Charts, charts_of, check_range
+from silint.texture.charts import Charts, charts_of, in_unit_square
 from silint.texture.files import Corners
 from silint.texture.shading import Tangents, corner_normals, corner_tangents, face_normals, frames
 from silint.texture.slits import cut_at_slits
@@ -52,6 +52,10 @@ class Surface(NamedTuple):
     """Why the file's own coordinates were not taken, or nothing."""
     without_area: int
     """Faces without an area in space or in the texture."""
+    shifted: int
+    """Faces whose coordinates were moved by whole squares."""
+    clamped: int
+    """Corners whose coordinates lay beyond the square, by half a texel at most."""
 
 
 def surface_of(
@@ -105,13 +109,11 @@ def _laid_out(
 ) -> Surface:
     wanted = np.zeros(scene.n_faces, bool)
     wanted[chosen] = True
-    in_range, complaint = check_range(uvs[wanted])
-    if complaint:
-        raise InputError(complaint)
-    uvs = uvs.copy()
-    uvs[wanted] = in_range
     faces = scene.faces.astype(np.int64)
     welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
+    square = in_unit_square(uvs[wanted], welded[wanted], size)
+    uvs = uvs.copy()
+    uvs[wanted] = square.uvs
     positions = scene.vertices[faces]
     flat = face_normals(positions)
     own = None if scene.normals is None else scene.normals[faces]
@@ -131,7 +133,8 @@ def _laid_out(
     texels = across_seams(texels, charts, positions, uvs, size)
     if texels.overlapping > _MOST_OVERLAP * texels.inside:
         share = 100.0 * texels.overlapping / texels.inside
-        raise InputError(f"{share:.3g} % of the texels in its charts belong to two or more faces")
+        moved = ", once all charts are moved into [0, 1]" if square.shifted else ""
+        raise InputError(f"{share:.3g} % of the texels in its charts belong to two or more faces{moved}")
     towards = (normals.sum(axis=1) * flat).sum(axis=1) < 0.0
     return Surface(
         Corners(positions, faces, normals, uvs),
@@ -143,6 +146,8 @@ def _laid_out(
         source,
         reason,
         int((wanted & ~(in_texture & in_space)).sum()),
+        square.shifted,
+        square.clamped,
     )
 
 

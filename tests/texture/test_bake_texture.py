@@ -449,7 +449,9 @@ def test_coordinates_that_are_not_fit_for_a_bake(tmp_path, monkeypatch):
         return refused(written(tmp_path, vertices, faces, uvs), out, 32, uv=uv)
 
     assert "no texture coordinates; use uv='unwrap'" in complaint(None)
-    assert "span [0.02, 0.9667] x [0.03, 1.45]" in complaint(uvs * (1, 1.5))
+    # The third row of charts lies across v = 1; or else wholly beyond, where it falls onto the first.
+    assert "span [0.02, 0.9667] x [0.024, 1.16]" in complaint(uvs * (1, 1.2))
+    assert "belong to two or more faces, once all charts are moved into [0, 1]" in complaint(uvs * (1, 1.5))
     assert "not finite" in complaint(uvs * np.nan)
     assert "no area for 100 % of the surface" in complaint(uvs * (1, 0))
     stacked = uvs.copy()
@@ -463,10 +465,19 @@ def test_coordinates_that_are_not_fit_for_a_bake(tmp_path, monkeypatch):
     assert not out.exists()
 
 
-def test_coordinates_beyond_the_square_by_rounding_are_fine(tmp_path):
+def test_charts_in_other_squares_are_baked_as_if_in_this_one(tmp_path):
     vertices, faces, uvs = box()
-    uvs = (uvs - uvs.min()) / (uvs.max() - uvs.min()) * (1 + 2e-6) - 1e-6
-    assert bake_texture(written(tmp_path, vertices, faces, uvs), tmp_path / "a.png", 16)["uv"] == "file"
+    elsewhere = uvs.copy()
+    elsewhere[:2] += (3.0, -1.0)
+    elsewhere[4:6] += (0.0, 1.0)
+    images = []
+    for moved in (uvs, elsewhere):
+        summary = bake_texture(written(tmp_path, vertices, faces, moved), tmp_path / "a.png", 48, isolines=8)
+        assert summary["uv"] == "file"
+        images.append(read_png(tmp_path / "a.png"))
+    assert summary["shifted_faces"] == 4 and summary["clamped_corners"] == 0
+    # Subtracting 3 rounds: a texel on a chart's border may take another point.
+    assert np.abs(images[0].astype(int) - images[1]).max() <= 1
 
 
 def test_faces_without_area_are_counted(tmp_path):
