@@ -19,7 +19,7 @@ from silint.cli.output import (
 __all__ = ["bake_command"]
 
 # Options that do nothing in some of the kinds of bake, and are refused there.
-_OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples")
+_OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples", "depth")
 _OF_VERTICES = ("per", "normals")
 _NOT_OF_SH = (
     *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
@@ -97,6 +97,7 @@ def bake_command(
         str, typer.Option(help="up (OpenGL) or down (DirectX), in tangent space and in --normal-map.")
     ] = "up",
     samples: Annotated[int, typer.Option(help="Of texels that hold an edge; others have one.")] = 4,
+    depth: Annotated[int, typer.Option(help="Bits a channel of .png: 8 or 16.")] = 8,
     as_json: JsonFlag = False,
 ) -> None:
     """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
@@ -153,6 +154,7 @@ def bake_command(
                 space=space,
                 green=green,
                 samples=samples,
+                depth=depth,
                 **shared,
             )
     if as_json:

@@ -16,7 +16,7 @@ from silint.bake import BakeOptions, check_unread, peak_memory
 from silint.bake.targets import Sites, chosen_faces
 from silint.io import LUMINANCE, TONE_CURVE, check_output
 from silint.texture.asset import Asset, left_out, open_asset, with_occlusion
-from silint.texture.files import SUFFIXES, Corners, check_packages, write_texture
+from silint.texture.files import DEPTHS, SUFFIXES, Corners, check_packages, write_texture
 from silint.texture.shading import read_normal_map
 from silint.validation import InputError, choice, positive_int, unit_vector
 
@@ -60,6 +60,7 @@ def bake_texture(
     space: str = "tangent",
     green: str = "up",
     samples: int = 4,
+    depth: int = 8,
     progress: Progress | None = None,
     **options: Any,
 ) -> dict[str, Any]:
@@ -96,6 +97,8 @@ def bake_texture(
         points.
     samples : int
         Positions in a texel that holds an edge, 1 to 64. Others have one.
+    depth : {8, 16}
+        Bits a channel of .png.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
     **options
@@ -134,6 +137,10 @@ def bake_texture(
     )
     samples = _checked_options(quantity, uv, padding, normal_map, space, green, samples)
     target = check_output(output, SUFFIXES)
+    if depth not in DEPTHS or isinstance(depth, bool):
+        raise InputError(f"depth is {depth!r}; expected 8 or 16")
+    if depth != 8 and target.suffix.lower() != ".png":
+        raise InputError(f"depth is {depth}; only .png has a choice, {target.suffix} has not")
     check_packages(target.suffix.lower())
     check_unread(output, mesh_path, asked.occluders)
     bumps = None if normal_map is None else read_normal_map(normal_map, green)
@@ -177,6 +184,7 @@ def bake_texture(
         "software": f"silint {__version__}",
         "quantity": quantity,
         "size": size,
+        **({"depth": depth} if target.suffix.lower() == ".png" else {}),
         "isolines": found.diagnostics["isolines"],
         **({"tolerance": tolerance} if tolerance is not None else {}),
         "method": method,
@@ -206,7 +214,7 @@ def bake_texture(
             data, told_of_asset["asset"] = with_occlusion(asset, c.uvs, baked, png, metadata)
             return data
 
-    write_texture(target, quantity, image, coverage, written, metadata, kept)
+    write_texture(target, quantity, image, coverage, written, metadata, kept, depth)
     times.append(time.perf_counter())
 
     told = values[:, 0]

@@ -246,6 +246,8 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("both.obj", "--texture", "8", "--normals", "flat"), "--normals is not for --texture"),
         (("both.obj", "--texture", "8", "--quantity", "sh"), "--texture is not for quantity 'sh'"),
         (("both.obj", "--texture", "8", "--space", "moon"), "space is 'moon'"),
+        (("both.obj", "--texture", "8", "--depth", "9"), "depth is 9; expected 8 or 16"),
+        (("both.obj", "--depth", "16"), "--depth needs --texture N"),
         (("both.obj", "--uv", "file"), "--uv needs --texture N"),
         (("both.obj", "--normal-map", "map.png"), "--normal-map needs --texture N"),
         (("both.obj", "--max-distance", "x"), "max_distance is 'x'; expected"),

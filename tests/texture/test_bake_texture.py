@@ -14,6 +14,7 @@ from silint import InputError
 from silint.io import LUMINANCE
 from silint.io.uvs import read_uvs
 from silint.texture import bake_texture
+from tests.io.test_png import decoded
 from tests.texture.shapes import (
     BOX_CELL,
     box,
@@ -47,6 +48,10 @@ def read_exr(path):
 def read_png(path):
     with Image.open(path) as image:
         return np.array(image)
+
+
+def read_png16(path):
+    return decoded(path.read_bytes())
 
 
 def texel_uv(size):
@@ -340,6 +345,24 @@ def test_irradiance_is_linear_in_exr_and_toned_in_png(tmp_path):
     np.testing.assert_allclose(shown, encoded, atol=0.51 / 255)
 
 
+@pytest.mark.parametrize("quantity", ["ao", "bent"])
+def test_sixteen_bits_are_those_of_the_values(tmp_path, quantity):
+    path = written(tmp_path, *box())
+    summary = bake_texture(path, tmp_path / "deep.png", 40, quantity, isolines=16, depth=16)
+    assert summary["depth"] == 16
+    bake_texture(path, tmp_path / "values.exr", 40, quantity, isolines=16)
+    bake_texture(path, tmp_path / "flat.png", 40, quantity, isolines=16)
+    values, _ = read_exr(tmp_path / "values.exr")
+    if quantity == "bent":
+        values = 0.5 + 0.5 * values / np.linalg.norm(values, axis=2, keepdims=True)
+    deep = read_png16(tmp_path / "deep.png").reshape(values.shape)
+    # Half a step, and float32's rounding in the .exr.
+    np.testing.assert_allclose(deep / 65535.0, values, atol=0.51 / 65535)
+    np.testing.assert_allclose(read_png(tmp_path / "flat.png").reshape(values.shape), deep / 257.0, atol=0.51)
+    with Image.open(tmp_path / "deep.png") as image:
+        assert json.loads(image.text["silint"])["quantity"] == quantity
+
+
 def test_a_texture_of_one_texel(tmp_path):
     path = written(tmp_path, *box())
     summary = bake_texture(path, tmp_path / "one.png", 1, isolines=16)
@@ -424,6 +447,9 @@ def test_bad_options_are_told_before_anything_is_computed(tmp_path):
         ({"up": (0, 0, 0)}, "up"),
         ({"environment": 3}, "only quantity 'irradiance'"),
         ({"quantity": "irradiance"}, "needs an environment"),
+        ({"depth": 12}, "depth is 12; expected 8 or 16"),
+        ({"depth": "16"}, "depth is '16'"),
+        ({"depth": True}, "depth is True"),
         ({"wobble": 3}, "unknown option 'wobble'"),
         ({"normal_map": tmp_path / "no.png"}, "no.png"),
         ({"normal_map": path}, "unknown suffix"),
@@ -432,6 +458,8 @@ def test_bad_options_are_told_before_anything_is_computed(tmp_path):
         assert words in message, message
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "grey.png")
     assert "grey" in refused(path, out, 16, normal_map=tmp_path / "grey.png")
+    for name in ("out.exr", "out.glb"):
+        assert "depth is 16; only .png" in refused(path, tmp_path / name, 16, depth=16)
     assert ".png .exr .glb" in refused(path, tmp_path / "out.jpg", 16)
     assert "no such file" in refused(tmp_path / "none.obj", out, 16)
     assert not out.exists()
