@@ -20,7 +20,7 @@ __all__ = ["bake_command"]
 
 # Options that do nothing in some of the kinds of bake, and are refused there.
 _OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples", "depth")
-_OF_VERTICES = ("per", "normals")
+_OF_VERTICES = ("per",)
 _NOT_OF_SH = (
     *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
     *("occluder", "self_only", "group", "max_distance", "falloff", "spread", "backfaces", "ground"),
@@ -51,7 +51,7 @@ def bake_command(
     envmap_up: Annotated[str, typer.Option(help="Where the map's top goes: y or z.")] = "y",
     envmap_rotate: Annotated[float, typer.Option(help="Degrees about that axis.")] = 0.0,
     normals: Annotated[
-        str, typer.Option(help="file, smooth, flat, or auto: the file's or smooth; flat for faces.")
+        str, typer.Option(help="file, smooth, flat, or auto: the file's or else smooth; flat for faces.")
     ] = "auto",
     two_sided: Annotated[
         bool, typer.Option("--two-sided", help="Mean of both sides of the surface, as for leaves.")
@@ -119,6 +119,7 @@ def bake_command(
         "weighting": weighting,
         "up": up,
         "tolerance": tolerance,
+        "normals": normals,
         "two_sided": two_sided,
         "occluders": occluder or (),
         "self_only": self_only,
@@ -139,7 +140,7 @@ def bake_command(
         if texture is None:
             from silint.bake import bake
 
-            summary = bake(mesh, output, quantity, per, normals=normals, **shared)
+            summary = bake(mesh, output, quantity, per, **shared)
         else:
             from silint.texture import bake_texture
 

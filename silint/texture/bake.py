@@ -37,7 +37,7 @@ MAX_SIZE = 8192
 
 # Options of a bake into vertices that mean the same here.
 _SHARED = (
-    *("occluders", "self_only", "groups", "two_sided"),
+    *("normals", "occluders", "self_only", "groups", "two_sided"),
     *("max_distance", "falloff", "spread", "backfaces", "ground", "interpolate"),
 )
 
@@ -102,9 +102,10 @@ def bake_texture(
     progress : callable, optional
         Called with (points done, points in all) from time to time.
     **options
-        occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces, ground and
+        normals, occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces, ground and
         interpolate: see `silint.bake.BakeOptions`. Coordinates may overlap between groups that are baked
-        one by one.
+        one by one. "auto" normals of a file that has none are smooth but over edges bent by more than 40
+        degrees.
 
     Returns
     -------
@@ -148,7 +149,7 @@ def bake_texture(
 
     from silint.bake.integrate import integrate
     from silint.scene import as_scene, load_scene
-    from silint.texture.surface import in_tangent_space, shade_points, surface_of, tangents_of
+    from silint.texture.surface import Layout, in_tangent_space, shade_points, surface_of, tangents_of
 
     times = [time.perf_counter()]
     scene = load_scene(mesh_path)
@@ -157,7 +158,7 @@ def bake_texture(
     limits = asked.limits(scene, occluders)
     times.append(time.perf_counter())
     chosen = chosen_faces(scene, asked.groups, os.fspath(mesh_path))
-    surface = surface_of(scene, Path(mesh_path), size, uv, samples, chosen)
+    surface = surface_of(scene, Path(mesh_path), uv, Layout(size, samples, chosen, asked.normals))
     wanted = bumps is not None or (quantity == "bent" and space == "tangent")
     tangents = tangents_of(surface) if wanted else None
     points, normals, turned = shade_points(surface, tangents, bumps)
@@ -201,6 +202,7 @@ def bake_texture(
         **({"interpolate": asked.interpolate} if asked.interpolate is not None else {}),
         **limits,
         "uv": surface.uv_source,
+        "normals": surface.normals_from,
     }
     c = surface.corners
     written = Corners(c.positions[chosen], c.vertices[chosen], c.normals[chosen], c.uvs[chosen])

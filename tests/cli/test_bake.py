@@ -243,7 +243,7 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("both.obj", "--texture", "8", "--uv", "new"), "uv is 'new'"),
         (("both.obj", "--texture", "8", "--per", "face"), "--per is not for --texture"),
         (("both.obj", "--texture", "8", "--group", "wall"), "both.obj: has no group 'wall'"),
-        (("both.obj", "--texture", "8", "--normals", "flat"), "--normals is not for --texture"),
+        (("both.obj", "--texture", "8", "--normals", "file"), "both.obj: has no normals of its own"),
         (("both.obj", "--texture", "8", "--quantity", "sh"), "--texture is not for quantity 'sh'"),
         (("both.obj", "--texture", "8", "--space", "moon"), "space is 'moon'"),
         (("both.obj", "--texture", "8", "--depth", "9"), "depth is 9; expected 8 or 16"),

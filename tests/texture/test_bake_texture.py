@@ -345,6 +345,41 @@ def test_irradiance_is_linear_in_exr_and_toned_in_png(tmp_path):
     np.testing.assert_allclose(shown, encoded, atol=0.51 / 255)
 
 
+def test_normals_are_those_that_are_asked_for(tmp_path):
+    """Of a box alone: only the face itself blocks, so that a leaning normal n sees (1 + n.f) / 2."""
+    vertices, faces, uvs = box(floor=False)
+    size = 64
+    middle = vertices.mean(axis=0)
+    leaning = vertices[faces] - middle  # towards the corners, as the mean of three sides is
+    bare = written(tmp_path, vertices, faces, uvs, name="bare.obj")
+    own = written(tmp_path, vertices, faces, uvs, leaning, name="own.obj")
+    seen = {}
+    for path, normals, source in [
+        (bare, "auto", "creased"),
+        (bare, "flat", "flat"),
+        (bare, "smooth", "smooth"),
+        (own, "auto", "file"),
+        (own, "file", "file"),
+        (own, "flat", "flat"),
+        (own, "smooth", "smooth"),
+    ]:
+        summary = bake_texture(path, tmp_path / "ao.exr", size, isolines=256, samples=1, normals=normals)
+        assert summary["normals"] == source
+        seen[path.stem, normals] = read_exr(tmp_path / "ao.exr")[0][..., 0]
+    assert (seen["bare", "auto"] == 1.0).all() and (seen["bare", "flat"] == 1.0).all()
+    assert (seen["own", "flat"] == 1.0).all()
+    for k in range(6):
+        at = (texel_uv(size) - box_cell(k)) / BOX_CELL
+        inside = ((at > 0.02) & (at < 0.98)).all(axis=2)
+        across, up = (2.0 * at[inside] - 1.0).T
+        expected = 0.5 * (1.0 + 1.0 / np.sqrt(1.0 + across**2 + up**2))
+        for key in (("bare", "smooth"), ("own", "auto"), ("own", "file"), ("own", "smooth")):
+            np.testing.assert_allclose(seen[key][inside], expected, atol=1e-3)  # of 256 isolines
+    message = refused(bare, tmp_path / "ao.exr", 16, normals="file")
+    assert message.endswith("has no normals of its own, which normals='file' asks for; try 'smooth'")
+    assert "normals is 'round'" in refused(bare, tmp_path / "ao.exr", 16, normals="round")
+
+
 @pytest.mark.parametrize("quantity", ["ao", "bent"])
 def test_sixteen_bits_are_those_of_the_values(tmp_path, quantity):
     path = written(tmp_path, *box())

@@ -72,7 +72,7 @@ def test_an_unwrapped_ring_is_cut_and_has_no_slit_left(tmp_path, monkeypatch):
     scene = load_scene(path)
 
     def laid_out():
-        return surface.surface_of(scene, path, 64, "unwrap", 1, slice(None))
+        return surface.surface_of(scene, path, "unwrap", surface.Layout(64))
 
     found = laid_out()
     assert found.charts.n_charts == 2 and found.texels.shared == 0
