@@ -210,7 +210,7 @@ def _print_texture_notes(summary: dict[str, Any]) -> None:
         "corners have coordinates beyond [0, 1] by half a texel or less, and were clamped": summary[
             "clamped_corners"
         ],
-        "normals of the map looked below the surface and were turned": summary["turned_normals"],
+        "shading normals looked below the surface and were turned": summary["turned_normals"],
     }
     for meaning, count in told.items():
         if count:

@@ -45,7 +45,13 @@ _TYPES: dict[int, np.dtype[Any]] = {
     5126: np.dtype("<f4"),
 }
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+_MEDIA = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".webp": "image/webp",
+    ".ktx2": "image/ktx2",
+}
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _MAX_BYTES = 2**32 - 1
 # What parts of a mesh are called on their way through trimesh.
@@ -123,21 +129,33 @@ def accessor_rows(gltf: Gltf, index: int) -> npt.NDArray[np.uint8]:
     Raises
     ------
     InputError
-        It is sparse, has no data of its own (as compressed ones), or leaves its buffer.
+        It leaves its buffer, or holds matrices.
     """
     accessor = gltf.document["accessors"][index]
-    size = _element_size(accessor)
-    count = accessor["count"]
-    if "bufferView" not in accessor or "sparse" in accessor:
-        raise InputError(f"accessor {index} is sparse or compressed")
-    view = gltf.document["bufferViews"][accessor["bufferView"]]
+    size, count = _element_size(accessor), accessor["count"]
+    # Without a view all is zero.
+    rows = np.zeros((count, size), np.uint8)
+    if "bufferView" in accessor:
+        rows = _view_rows(gltf, accessor, count, size).copy()
+    if "sparse" in accessor:
+        sparse = accessor["sparse"]
+        places = component_type(sparse["indices"])
+        found = _view_rows(gltf, sparse["indices"], sparse["count"], places.itemsize).copy().view(places)
+        if (found >= count).any():
+            raise InputError(f"accessor {index} has sparse values beyond its end")
+        rows[found.ravel()] = _view_rows(gltf, sparse["values"], sparse["count"], size)
+    return rows
+
+
+def _view_rows(gltf: Gltf, part: dict[str, Any], count: int, size: int) -> npt.NDArray[np.uint8]:
+    """Rows (count, size) of what an accessor, or a part of a sparse one, says of its bytes."""
+    view = gltf.document["bufferViews"][part["bufferView"]]
     stride = view.get("byteStride", size)
-    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    start = view.get("byteOffset", 0) + part.get("byteOffset", 0)
     buffer = np.frombuffer(gltf.buffers[view["buffer"]], np.uint8)
     if count < 1 or start + (count - 1) * stride + size > len(buffer):
-        raise InputError(f"accessor {index} leaves its buffer")
-    rows = np.lib.stride_tricks.as_strided(buffer[start:], (count, size), (stride, 1), writeable=False)
-    return np.ascontiguousarray(rows)
+        raise InputError("an accessor leaves its buffer")
+    return np.lib.stride_tricks.as_strided(buffer[start:], (count, size), (stride, 1), writeable=False)
 
 
 def accessor_values(gltf: Gltf, index: int) -> FloatArray:
@@ -232,7 +250,7 @@ def embedded(gltf: Gltf, path: Path) -> Gltf:
             continue
         suffix = Path(unquote(uri)).suffix.lower()
         if suffix not in _MEDIA:
-            raise InputError(f"{path}: refers to the picture {uri!r}; expected .png, .jpg or .webp")
+            raise InputError(f"{path}: refers to the picture {uri!r}; expected .png, .jpg, .webp or .ktx2")
         try:
             data = _referred(path, uri)
         except InputError as error:

@@ -97,10 +97,7 @@ def _gltf_uvs(path: Path) -> FloatArray | None:
         if index is None:
             return None
         faces = part.faces[:, [0, 2, 1]] if part.mirrored else part.faces
-        try:
-            parts.append(accessor_values(gltf, index)[faces])
-        except InputError:  # sparse, or compressed
-            return None
+        parts.append(accessor_values(gltf, index)[faces])
     # glTF's v points down.
     return np.concatenate(parts) * (1.0, -1.0) + (0.0, 1.0) if parts else None
 

@@ -73,8 +73,6 @@ def open_asset(path: Path, faces: npt.NDArray[np.integer[Any]]) -> Asset | str:
         corners = part.faces[:, [0, 2, 1]] if part.mirrored else part.faces
         expected.append(corners + start)
         start += _n_vertices(gltf.document, _primitive(gltf.document, part))
-        if any("sparse" in a or "bufferView" not in a for a in _accessors(gltf.document, part)):
-            return "it has sparse accessors"
     if not np.array_equal(np.concatenate(expected), faces):
         return "its faces could not be told apart"
     return Asset(embedded(gltf, path), parts)
@@ -340,10 +338,3 @@ def _primitive(document: dict[str, Any], part: Part) -> dict[str, Any]:
 
 def _n_vertices(document: dict[str, Any], primitive: dict[str, Any]) -> int:
     return int(document["accessors"][primitive["attributes"]["POSITION"]]["count"])
-
-
-def _accessors(document: dict[str, Any], part: Part) -> list[dict[str, Any]]:
-    """Those of the vertices of a part."""
-    primitive = _primitive(document, part)
-    groups = (primitive["attributes"], *primitive.get("targets", ()))
-    return [document["accessors"][index] for group in groups for index in group.values()]
