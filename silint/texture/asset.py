@@ -28,6 +28,7 @@ from silint.io.gltf import (
     gltf_parts,
     read_gltf,
 )
+from silint.io.gltf_prune import pruned
 
 __all__ = ["Asset", "left_out", "open_asset", "with_occlusion"]
 
@@ -156,7 +157,7 @@ def with_occlusion(
     if not isinstance(extras, dict):
         document["asset"]["extras"] = extras = {"extras": extras}
     extras["silint"] = metadata
-    return binary_gltf(gltf), told
+    return binary_gltf(pruned(gltf, asset.gltf)), told
 
 
 def _own_meshes(
