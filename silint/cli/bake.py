@@ -32,7 +32,13 @@ def bake_command(
     context: typer.Context,
     mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
     output: Annotated[
-        str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb; textures: .png .exr .glb")
+        str,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            help=".npz .ply .glb; textures: .png .exr .glb (the MESH with the occlusion, if that is glTF)",
+        ),
     ],
     quantity: Annotated[
         str, typer.Option(help="ao, sky (sky view factor), bent (bent normals), irradiance, or sh (as prt).")

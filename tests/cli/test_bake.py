@@ -117,6 +117,29 @@ def test_texture(square, capfd):
     assert texture(capfd, "--texture", "16", "--occluder", "lid.obj", "--spread", "20")[0][8, 8] == 0
 
 
+def test_what_becomes_of_the_source_is_told(square, capfd):
+    def told(*arguments):
+        assert cli.run(["bake", *arguments, "--texture", "16", "--isolines", "4"]) == 0
+        return capfd.readouterr().out
+
+    rows = (square / "square.obj").read_text().splitlines()
+    (square / "square.obj").write_text("\n".join([*rows[:-1], "usemtl red", rows[-1]]))
+    reason = "only .glb and .gltf are kept"
+    assert f"left out of the source: materials; {reason}\n" in told("square.obj", "-o", "one.glb")
+    kept = "the source is kept: 1 of its materials have the occlusion, by TEXCOORD_0; 1 had one before\n"
+    assert kept in told("one.glb", "-o", "two.glb")
+    left = "left out of the source: materials, textures, texture coordinates; bent is shown by"
+    assert left in told("one.glb", "-o", "two.glb", "--quantity", "bent")
+    assert "source" not in told("one.glb", "-o", "two.png")
+    text = (square / "square.obj").read_text().replace("vt 1 ", "vt 1.01 ").replace("vt 0 ", "vt 0.5 ")
+    (square / "square.obj").write_text(text.replace("vt 1.01 ", "vt 1.0005 "))
+    assert "\n3 corners have coordinates beyond [0, 1] by half a texel or less" in told(
+        "square.obj", "-o", "a.png"
+    )
+    (square / "square.obj").write_text(text.replace("vt 1.01 ", "vt 1.9 ").replace("vt 0.5 ", "vt 1.1 "))
+    assert "\n2 faces have coordinates in other squares than [0, 1]" in told("square.obj", "-o", "a.png")
+
+
 def test_texture_of_objects_alone(square, capfd):
     """The lid has the other half of the texture's width."""
     rows = ["o floor", *(square / "square.obj").read_text().replace("vt 1 ", "vt .5 ").splitlines()]
