@@ -228,6 +228,10 @@ def _print_texture_notes(summary: dict[str, Any]) -> None:
         print(
             f"the source is kept: {asset['materials']:,} of its materials have the occlusion, by {sets}{had}"
         )
+        if asset["emptied"]:
+            print(f"{asset['emptied']:,} nodes of other groups stay without their meshes")
+        if asset["variants"]:
+            print("variants of materials stay without the occlusion")
     if "left_out" in summary:
         print(f"left out of the source: {', '.join(summary['left_out'])}; {summary['left_out_reason']}")
     if "largest_jump_before" in seams:

@@ -128,13 +128,15 @@ def with_occlusion(
     data : bytes
     told : dict
         ``materials``, how many now have it; ``replaced``, how many had one before; ``texcoord``, the sets of
-        coordinates that it reads.
+        coordinates that it reads; ``emptied``, how many nodes lost their mesh; ``variants``, whether there
+        are variants of materials (KHR_materials_variants), which stay without it.
     """
     gltf = Gltf(copy.deepcopy(asset.gltf.document), list(asset.gltf.buffers))
     document = gltf.document
     texture = _add_texture(gltf, png)
     down = uvs * (1.0, -1.0) + (0.0, 1.0)  # glTF's v points down
     edited: dict[int, list[tuple[Part, FloatArray]]] = {}
+    emptied = set()
     start = 0
     for part in asset.parts:
         rows = slice(start, start + len(part.faces))
@@ -142,6 +144,7 @@ def with_occlusion(
         if not chosen[rows].any():
             for key in ("mesh", "skin", "weights"):
                 document["nodes"][part.node].pop(key, None)
+            emptied.add(part.node)
             continue
         corners = down[rows]
         edited.setdefault(part.node, []).append((part, corners[:, [0, 2, 1]] if part.mirrored else corners))
@@ -153,6 +156,8 @@ def with_occlusion(
             primitive = mesh["primitives"][part.primitive]
             wanted.append((primitive, _add_coordinates(gltf, primitive, part.faces, corners)))
     told = _give_materials(document, wanted, texture)
+    told["emptied"] = len(emptied)
+    told["variants"] = "KHR_materials_variants" in document.get("extensionsUsed", ())
     extras = document.setdefault("asset", {"version": "2.0"}).setdefault("extras", {})
     if not isinstance(extras, dict):
         document["asset"]["extras"] = extras = {"extras": extras}

@@ -128,6 +128,10 @@ def test_what_becomes_of_the_source_is_told(square, capfd):
     assert f"left out of the source: materials; {reason}\n" in told("square.obj", "-o", "one.glb")
     kept = "the source is kept: 1 of its materials have the occlusion, by TEXCOORD_0; 1 had one before\n"
     assert kept in told("one.glb", "-o", "two.glb")
+    two = trimesh.Scene({"a": trimesh.creation.box(), "b": trimesh.creation.icosphere(1)})
+    two.export(square / "parts.glb")
+    of_group = told("parts.glb", "-o", "two.glb", "--group", "a")
+    assert "\n1 nodes of other groups stay without their meshes\n" in of_group
     left = "left out of the source: materials, textures, texture coordinates; bent is shown by"
     assert left in told("one.glb", "-o", "two.glb", "--quantity", "bent")
     assert "source" not in told("one.glb", "-o", "two.png")

@@ -16,6 +16,7 @@ from tests.texture.shapes import box, grid
 PNG = io.BytesIO()
 Image.fromarray(np.full((4, 4, 3), (200, 30, 30), np.uint8)).save(PNG, "png")
 PNG = PNG.getvalue()
+PLAIN = {"emptied": 0, "variants": False}
 
 
 def indexed(vertices, faces, uvs):
@@ -140,7 +141,7 @@ def test_a_source_keeps_all_and_gets_the_occlusion(tmp_path, suffix):
     summary = bake_texture(path, tmp_path / "out.glb", 128, isolines=64)
     assert summary["uv"] == "unwrapped" and "left_out" not in summary
     # The boxes lie on one another in their own coordinates; the floor has none before.
-    assert summary["asset"] == {"materials": 3, "replaced": 1, "texcoord": [0, 1]}
+    assert summary["asset"] == {"materials": 3, "replaced": 1, "texcoord": [0, 1], **PLAIN}
     read = check_what_is_seen(tmp_path / "out.glb", path, ["left", "right", "floor"])
     d, old = read.document, file.document
     assert d["asset"]["generator"] == "by hand" and d["asset"]["extras"]["silint"]["quantity"] == "ao"
@@ -176,7 +177,12 @@ def test_a_second_bake_takes_the_coordinates_of_the_first(tmp_path):
     path = two_boxes().write(tmp_path / "boxes.glb")
     bake_texture(path, tmp_path / "one.glb", 64, isolines=8)
     summary = bake_texture(tmp_path / "one.glb", tmp_path / "two.glb", 128, isolines=64)
-    assert summary["uv"] == "file" and summary["asset"] == {"materials": 3, "replaced": 3, "texcoord": [0, 1]}
+    assert summary["uv"] == "file" and summary["asset"] == {
+        "materials": 3,
+        "replaced": 3,
+        "texcoord": [0, 1],
+        **PLAIN,
+    }
     one, two = Read(tmp_path / "one.glb").document, Read(tmp_path / "two.glb").document
     assert [len(two[kind]) for kind in ("meshes", "materials", "textures", "images", "accessors")] == [
         len(one[kind]) for kind in ("meshes", "materials", "textures", "images", "accessors")
@@ -190,7 +196,7 @@ def test_coordinates_that_fit_are_used_as_they_are(tmp_path):
     path = file.write(tmp_path / "box.glb")
     summary = bake_texture(path, tmp_path / "out.glb", 128, isolines=64)
     assert summary["uv"] == "file"
-    assert summary["asset"] == {"materials": 2, "replaced": 1, "texcoord": [0]}
+    assert summary["asset"] == {"materials": 2, "replaced": 1, "texcoord": [0], **PLAIN}
     read = check_what_is_seen(tmp_path / "out.glb", path, ["left"])
     assert read.document["meshes"] == file.document["meshes"]
 
@@ -202,7 +208,8 @@ def test_a_group_alone_leaves_the_others_without_a_mesh(tmp_path):
     file.document["meshes"][1]["primitives"][0]["material"] = 0
     path = file.write(tmp_path / "boxes.glb")
     summary = bake_texture(path, tmp_path / "out.glb", 128, isolines=64, groups=["right"])
-    assert summary["asset"] == {"materials": 2, "replaced": 1, "texcoord": [1]}
+    expected = {"materials": 2, "replaced": 1, "texcoord": [1], "emptied": 2, "variants": False}
+    assert summary["asset"] == expected
     read = check_what_is_seen(tmp_path / "out.glb", path, ["right"])
     d = read.document
     # The floor and its material are in no use any longer.
@@ -218,7 +225,7 @@ def test_meshes_of_other_scenes_are_left_alone(tmp_path):
     file.document["scenes"].append({"nodes": [3]})
     path = file.write(tmp_path / "boxes.glb")
     summary = bake_texture(path, tmp_path / "out.glb", 64, isolines=8)
-    assert summary["asset"] == {"materials": 3, "replaced": 1, "texcoord": [0, 1]}
+    assert summary["asset"] == {"materials": 3, "replaced": 1, "texcoord": [0, 1], **PLAIN}
     d = Read(tmp_path / "out.glb").document
     assert d["nodes"][3] == file.document["nodes"][3] and d["meshes"][0] == file.document["meshes"][0]
     assert d["materials"][:2] == file.document["materials"]
@@ -255,6 +262,8 @@ def test_what_is_left_out_is_named(tmp_path):
     assert summary["left_out"] == names and "bent" in summary["left_out_reason"] and "asset" not in summary
     summary = bake_texture(path, out, 16, isolines=4)
     assert "left_out" not in summary and len(Read(out).document["materials"]) == 3
+    file.document["extensionsUsed"] = ["KHR_materials_variants"]
+    assert bake_texture(file.write(path), out, 16, isolines=4)["asset"]["variants"] is True
     # trimesh leaves compressed parts at zero, but warns; a name alone does for what is tested here.
     file.document["extensionsUsed"] = ["EXT_meshopt_compression"]
     summary = bake_texture(file.write(path), out, 16, isolines=4)
