@@ -9,6 +9,7 @@
 ``texels``     texels to shade points, several where a texel holds an edge
 ``seams``      both sides of a seam made to look alike
 ``files``      .png, .exr and .glb
+``asset``      .glb that keep what a glTF source has
 =============  =====================================================================================
 """
 

@@ -138,7 +138,7 @@ def bake_texture(
     )
     samples = _checked_options(quantity, uv, padding, normal_map, space, green, samples)
     target = check_output(output, SUFFIXES)
-    if depth not in DEPTHS or isinstance(depth, bool):
+    if type(depth) is not int or depth not in DEPTHS:
         raise InputError(f"depth is {depth!r}; expected 8 or 16")
     if depth != 8 and target.suffix.lower() != ".png":
         raise InputError(f"depth is {depth}; only .png has a choice, {target.suffix} has not")

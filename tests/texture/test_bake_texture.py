@@ -485,6 +485,7 @@ def test_bad_options_are_told_before_anything_is_computed(tmp_path):
         ({"depth": 12}, "depth is 12; expected 8 or 16"),
         ({"depth": "16"}, "depth is '16'"),
         ({"depth": True}, "depth is True"),
+        ({"depth": 16.0}, "depth is 16.0"),
         ({"wobble": 3}, "unknown option 'wobble'"),
         ({"normal_map": tmp_path / "no.png"}, "no.png"),
         ({"normal_map": path}, "unknown suffix"),
