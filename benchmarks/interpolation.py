@@ -50,12 +50,12 @@ def vertices_of(name: str, assets: str, part: int | None = None) -> Sites:
 
 
 def texels_of(name: str, assets: str, size: int) -> Sites:
-    from silint.texture.surface import shade_points, surface_of
+    from silint.texture.surface import Layout, shade_points, surface_of
 
     path = find(name, assets)
     assert path is not None
     scene = silint.load_scene(path)
-    surface = surface_of(scene, path, size, "auto", 4, slice(None))
+    surface = surface_of(scene, path, "auto", Layout(size, 4))
     points, normals, _ = shade_points(surface, None, None)
     of_face = face_surfaces(surface.welded, surface.corners.normals, SAME_NORMAL)
 

@@ -19,8 +19,8 @@ from silint.cli.output import (
 __all__ = ["bake_command"]
 
 # Options that do nothing in some of the kinds of bake, and are refused there.
-_OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples")
-_OF_VERTICES = ("per", "normals")
+_OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples", "depth")
+_OF_VERTICES = ("per",)
 _NOT_OF_SH = (
     *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
     *("occluder", "self_only", "group", "max_distance", "falloff", "spread", "backfaces", "ground"),
@@ -32,7 +32,13 @@ def bake_command(
     context: typer.Context,
     mesh: Annotated[str, typer.Argument(metavar="MESH", help=".obj .ply .stl .glb .gltf .off")],
     output: Annotated[
-        str, typer.Option("-o", "--output", metavar="OUT", help=".npz .ply .glb; textures: .png .exr .glb")
+        str,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            help=".npz .ply .glb; textures: .png .exr .glb (the MESH with the occlusion, if that is glTF)",
+        ),
     ],
     quantity: Annotated[
         str, typer.Option(help="ao, sky (sky view factor), bent (bent normals), irradiance, or sh (as prt).")
@@ -51,7 +57,7 @@ def bake_command(
     envmap_up: Annotated[str, typer.Option(help="Where the map's top goes: y or z.")] = "y",
     envmap_rotate: Annotated[float, typer.Option(help="Degrees about that axis.")] = 0.0,
     normals: Annotated[
-        str, typer.Option(help="file, smooth, flat, or auto: the file's or smooth; flat for faces.")
+        str, typer.Option(help="file, smooth, flat, or auto: the file's or else smooth; flat for faces.")
     ] = "auto",
     two_sided: Annotated[
         bool, typer.Option("--two-sided", help="Mean of both sides of the surface, as for leaves.")
@@ -97,6 +103,7 @@ def bake_command(
         str, typer.Option(help="up (OpenGL) or down (DirectX), in tangent space and in --normal-map.")
     ] = "up",
     samples: Annotated[int, typer.Option(help="Of texels that hold an edge; others have one.")] = 4,
+    depth: Annotated[int, typer.Option(help="Bits a channel of .png: 8 or 16.")] = 8,
     as_json: JsonFlag = False,
 ) -> None:
     """Bake ambient occlusion, sky view factors, bent normals or irradiance of a mesh into a file."""
@@ -118,6 +125,7 @@ def bake_command(
         "weighting": weighting,
         "up": up,
         "tolerance": tolerance,
+        "normals": normals,
         "two_sided": two_sided,
         "occluders": occluder or (),
         "self_only": self_only,
@@ -138,7 +146,7 @@ def bake_command(
         if texture is None:
             from silint.bake import bake
 
-            summary = bake(mesh, output, quantity, per, normals=normals, **shared)
+            summary = bake(mesh, output, quantity, per, **shared)
         else:
             from silint.texture import bake_texture
 
@@ -153,6 +161,7 @@ def bake_command(
                 space=space,
                 green=green,
                 samples=samples,
+                depth=depth,
                 **shared,
             )
     if as_json:
@@ -203,11 +212,28 @@ def _print_texture_notes(summary: dict[str, Any]) -> None:
         "overlapping texels belong to more than one face": texels["overlapping"],
         "texels are read beside two charts at once, which are closer than 2 texels": texels["shared"],
         "faces have no area, in space or in the texture, and no texels": summary["faces_without_area"],
-        "normals of the map looked below the surface and were turned": summary["turned_normals"],
+        "faces have coordinates in other squares than [0, 1] and were moved there": summary["shifted_faces"],
+        "corners have coordinates beyond [0, 1] by half a texel or less, and were clamped": summary[
+            "clamped_corners"
+        ],
+        "shading normals looked below the surface and were turned": summary["turned_normals"],
     }
     for meaning, count in told.items():
         if count:
             print(f"{count:,} {meaning}")
+    if "asset" in summary:
+        asset = summary["asset"]
+        sets = " and ".join(f"TEXCOORD_{n}" for n in asset["texcoord"])
+        had = f"; {asset['replaced']:,} had one before" if asset["replaced"] else ""
+        print(
+            f"the source is kept: {asset['materials']:,} of its materials have the occlusion, by {sets}{had}"
+        )
+        if asset["emptied"]:
+            print(f"{asset['emptied']:,} nodes of other groups stay without their meshes")
+        if asset["variants"]:
+            print("variants of materials stay without the occlusion")
+    if "left_out" in summary:
+        print(f"left out of the source: {', '.join(summary['left_out'])}; {summary['left_out_reason']}")
     if "largest_jump_before" in seams:
         print(
             f"across seams at most {seams['largest_jump_before']:.1e} apart, "

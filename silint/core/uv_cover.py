@@ -130,7 +130,7 @@ def _apart(corners, places, f, g, x, y):
 
 
 @njit(**KERNEL)
-def mark(corners, places, reach, chart, normals, cosine, first, last, owner, mixed, shared):
+def mark(corners, places, reach, chart, normals, cosine, first, last, owner, mixed, rival):
     """Find texels that need several samples, and those that several parts of the mesh compete for.
 
     Parameters
@@ -148,9 +148,10 @@ def mark(corners, places, reach, chart, normals, cosine, first, last, owner, mix
     first, last : int
     owner : (size, size) int32
         What `cover` has found.
-    mixed, shared : (size, size) bool, in and out
-        Shared: the footprint meets a chart that the texel does not belong to, or, across a narrow slit, a
-        part of its own that is somewhere else on the mesh.
+    mixed : (size, size) bool, in and out
+    rival : (size, size) int32, in and out
+        The last triangle that shares the texel's footprint and is of a chart that the texel does not belong
+        to, or, across a narrow slit, of a part of its own that is somewhere else on the mesh; -1 without.
     """
     size = len(owner)
     for f in range(first, last):
@@ -164,7 +165,7 @@ def mark(corners, places, reach, chart, normals, cosine, first, last, owner, mix
                 if f == g or g < 0 or not _meets(ax, ay, bx, by, cx, cy, x, y, 1.0):
                     continue
                 if chart[f] != chart[g] or _apart(corners, places, f, g, x, y) > max(reach[f], reach[g]):
-                    shared[row, column] = True
+                    rival[row, column] = f
                 elif _meets(ax, ay, bx, by, cx, cy, x, y, 0.5):
                     n, m = normals[f], normals[g]
                     if n[0] * m[0] + n[1] * m[1] + n[2] * m[2] < cosine:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from silint.validation import InputError
 
-__all__ = ["GlbMesh", "glb_bytes", "glb_values", "read_glb"]
+__all__ = ["CLAMPED", "ROUGH", "GlbMesh", "glb_bytes", "glb_values", "read_glb"]
 
 _MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _FLOAT, _UINT32 = 5126, 5125
@@ -23,9 +23,9 @@ _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 _WIDTHS = {name: width for width, name in _TYPES.items()}
 _MAX_BYTES = 2**32 - 1
-_ROUGH = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+ROUGH = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
 # Mip levels between, nothing repeated: what lies at one edge of a bake has nothing to do with the other.
-_SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
+CLAMPED = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
 
 
 def glb_bytes(
@@ -107,10 +107,10 @@ def glb_bytes(
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(image)})
         blocks.append(image + b"\0" * (-len(image) % 4))
         more["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/png"}]
-        more["samplers"] = [_SAMPLER]
+        more["samplers"] = [CLAMPED]
         more["textures"] = [{"source": 0, "sampler": 0}]
     # glTF's default material is a metal, which shows vertex colours as dark mirrors.
-    shown = dict(material or {"pbrMetallicRoughness": _ROUGH, "doubleSided": True})
+    shown = dict(material or {"pbrMetallicRoughness": ROUGH, "doubleSided": True})
     if "extensions" in shown:
         more["extensionsUsed"] = sorted(shown["extensions"])
 

@@ -6,23 +6,19 @@ faces that `read_mesh` returns, in their order.
 
 from __future__ import annotations
 
-import io
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from silint.io.gltf import accessor_values, gltf_parts, read_gltf
 from silint.io.read import _silence as silence
 from silint.validation import InputError
 
 __all__ = ["read_uvs"]
 
 FloatArray = npt.NDArray[np.float64]
-
-# What TEXCOORD_0 is called on its way through trimesh, which hands it out with materials only.
-_GLTF_UVS = "_SILINT_UV"
 
 # What .ply files call those of vertices.
 _PLY_UVS = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
@@ -34,9 +30,9 @@ def read_uvs(path: Path, n_faces: int) -> FloatArray | None:
     Parameters
     ----------
     path : pathlib.Path
-        Texture coordinates are ``vt`` of .obj, TEXCOORD_0 of .glb and .gltf, and what a .ply has for its
-        vertices (u v, s t, texture_u texture_v) or, if it consists of triangles, for their corners
-        (texcoord).
+        Texture coordinates are ``vt`` of .obj, of .glb and .gltf the set that the material's occlusion reads
+        or else TEXCOORD_0, and what a .ply has for its vertices (u v, s t, texture_u texture_v) or, if it
+        consists of triangles, for their corners (texcoord).
     n_faces : int
         Its number of triangles.
 
@@ -57,7 +53,7 @@ def read_uvs(path: Path, n_faces: int) -> FloatArray | None:
                 uvs = _obj_uvs(path.read_bytes())
             else:
                 with silence():
-                    uvs = _gltf_uvs(path, suffix) if suffix != ".ply" else _ply_uvs(path)
+                    uvs = _gltf_uvs(path) if suffix != ".ply" else _ply_uvs(path)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
         if uvs is not None and uvs.shape == (n_faces, 3, 2):
@@ -92,49 +88,25 @@ def _obj_uvs(data: bytes) -> FloatArray | None:
     return np.array(coordinates)[of_corner]
 
 
-def _gltf_uvs(path: Path, suffix: str) -> FloatArray | None:
-    import trimesh
-
-    scene: Any = trimesh.load_scene(
-        io.BytesIO(_renamed(path.read_bytes(), suffix)),
-        file_type=suffix[1:],
-        resolver=trimesh.resolvers.FilePathResolver(str(path)),
-        process=False,
-        skip_materials=True,
-    )
+def _gltf_uvs(path: Path) -> FloatArray | None:
+    gltf = read_gltf(path)
     parts = []
-    for node in scene.graph.nodes_geometry:
-        transform, key = scene.graph[node]
-        mesh = scene.geometry[key]
-        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-            continue
-        uvs = mesh.vertex_attributes.get(_GLTF_UVS)
-        if uvs is None:
+    for part in gltf_parts(gltf, path):
+        primitive = gltf.document["meshes"][part.mesh]["primitives"][part.primitive]
+        index = primitive["attributes"].get(f"TEXCOORD_{_occlusion_set(gltf.document, primitive)}")
+        if index is None:
             return None
-        faces = np.asarray(mesh.faces)
-        if np.linalg.det(np.asarray(transform, dtype=np.float64)[:3, :3]) < 0.0:
-            faces = faces[:, [0, 2, 1]]  # as `mesh_data` does
-        parts.append(np.asarray(uvs, dtype=np.float64)[faces])
+        faces = part.faces[:, [0, 2, 1]] if part.mirrored else part.faces
+        parts.append(accessor_values(gltf, index)[faces])
     # glTF's v points down.
     return np.concatenate(parts) * (1.0, -1.0) + (0.0, 1.0) if parts else None
 
 
-def _renamed(data: bytes, suffix: str) -> bytes:
-    """The same file with TEXCOORD_0 as an attribute of another name."""
-    start, length = (20, int.from_bytes(data[12:16], "little")) if suffix == ".glb" else (0, len(data))
-    document = json.loads(data[start : start + length])
-    for mesh in document.get("meshes", ()):
-        for primitive in mesh.get("primitives", ()):
-            attributes = primitive.get("attributes", {})
-            if "TEXCOORD_0" in attributes:
-                attributes[_GLTF_UVS] = attributes.pop("TEXCOORD_0")
-    text = json.dumps(document).encode("ascii")
-    if suffix == ".gltf":
-        return text
-    text += b" " * (-len(text) % 4)
-    rest = data[20 + length :]
-    sizes = [n.to_bytes(4, "little") for n in (20 + len(text) + len(rest), len(text))]
-    return data[:8] + sizes[0] + sizes[1] + data[16:20] + text + rest
+def _occlusion_set(document: dict[str, Any], primitive: dict[str, Any]) -> int:
+    """Which set of coordinates the occlusion of a primitive's material is read by; 0 where it has none."""
+    material = primitive.get("material")
+    texture = {} if material is None else document["materials"][material].get("occlusionTexture", {})
+    return int(texture.get("texCoord", 0))
 
 
 def _ply_uvs(path: Path) -> FloatArray | None:

@@ -15,12 +15,14 @@ from silint import __version__
 from silint.bake import BakeOptions, check_unread, peak_memory
 from silint.bake.targets import Sites, chosen_faces
 from silint.io import LUMINANCE, TONE_CURVE, check_output
-from silint.texture.files import SUFFIXES, Corners, check_packages, write_texture
+from silint.texture.asset import Asset, left_out, open_asset, with_occlusion
+from silint.texture.files import DEPTHS, SUFFIXES, Corners, check_packages, write_texture
 from silint.texture.shading import read_normal_map
 from silint.validation import InputError, choice, positive_int, unit_vector
 
 if TYPE_CHECKING:
     from silint.environment import Environment
+    from silint.scene import Scene
     from silint.texture.surface import Surface
 
 __all__ = ["GREENS", "MAX_SIZE", "SPACES", "SUFFIXES", "UV_SOURCES", "bake_texture"]
@@ -35,7 +37,7 @@ MAX_SIZE = 8192
 
 # Options of a bake into vertices that mean the same here.
 _SHARED = (
-    *("occluders", "self_only", "groups", "two_sided"),
+    *("normals", "occluders", "self_only", "groups", "two_sided"),
     *("max_distance", "falloff", "spread", "backfaces", "ground", "interpolate"),
 )
 
@@ -58,6 +60,7 @@ def bake_texture(
     space: str = "tangent",
     green: str = "up",
     samples: int = 4,
+    depth: int = 8,
     progress: Progress | None = None,
     **options: Any,
 ) -> dict[str, Any]:
@@ -80,7 +83,8 @@ def bake_texture(
         As in `silint.bake.bake`.
     uv : {"auto", "file", "unwrap"}
         Texture coordinates: the file's, or new ones by xatlas. "auto" takes the file's where they fit: inside
-        [0, 1], and no two charts in one place.
+        [0, 1], and no two charts in one place. Charts that stand whole in another square of the integer grid
+        are moved into that one, and what is beyond it by half a texel (1e-3 at most) is clamped.
     padding : int, optional
         Texels around charts that get the value of the nearest chart. By default all there are, so that no
         background shows at any mip level.
@@ -93,19 +97,24 @@ def bake_texture(
         points.
     samples : int
         Positions in a texel that holds an edge, 1 to 64. Others have one.
+    depth : {8, 16}
+        Bits a channel of .png.
     progress : callable, optional
         Called with (points done, points in all) from time to time.
     **options
-        occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces, ground and
+        normals, occluders, self_only, groups, two_sided, max_distance, falloff, spread, backfaces, ground and
         interpolate: see `silint.bake.BakeOptions`. Coordinates may overlap between groups that are baked
-        one by one.
+        one by one. "auto" normals of a file that has none are smooth but over edges bent by more than 40
+        degrees.
 
     Returns
     -------
     dict
         Counts, seconds, statistics, diagnostics. ``texels`` counts those covered, with several samples,
         overlapping and shared between charts closer than 2 texels; ``seams`` has the largest and the RMS
-        difference across seams before and after they were made to agree.
+        difference across seams before and after they were made to agree. Of .glb: ``asset``, what
+        `silint.texture.asset.with_occlusion` tells where the source is kept, else ``left_out``, what the
+        source has and the output has not, and ``left_out_reason``.
 
     Raises
     ------
@@ -129,6 +138,10 @@ def bake_texture(
     )
     samples = _checked_options(quantity, uv, padding, normal_map, space, green, samples)
     target = check_output(output, SUFFIXES)
+    if type(depth) is not int or depth not in DEPTHS:
+        raise InputError(f"depth is {depth!r}; expected 8 or 16")
+    if depth != 8 and target.suffix.lower() != ".png":
+        raise InputError(f"depth is {depth}; only .png has a choice, {target.suffix} has not")
     check_packages(target.suffix.lower())
     check_unread(output, mesh_path, asked.occluders)
     bumps = None if normal_map is None else read_normal_map(normal_map, green)
@@ -136,15 +149,16 @@ def bake_texture(
 
     from silint.bake.integrate import integrate
     from silint.scene import as_scene, load_scene
-    from silint.texture.surface import in_tangent_space, shade_points, surface_of, tangents_of
+    from silint.texture.surface import Layout, in_tangent_space, shade_points, surface_of, tangents_of
 
     times = [time.perf_counter()]
     scene = load_scene(mesh_path)
+    asset, lost = _source(scene, Path(mesh_path), target, quantity)
     occluders = [as_scene(occluder) for occluder in asked.occluders]
     limits = asked.limits(scene, occluders)
     times.append(time.perf_counter())
     chosen = chosen_faces(scene, asked.groups, os.fspath(mesh_path))
-    surface = surface_of(scene, Path(mesh_path), size, uv, samples, chosen)
+    surface = surface_of(scene, Path(mesh_path), uv, Layout(size, samples, chosen, asked.normals))
     wanted = bumps is not None or (quantity == "bent" and space == "tangent")
     tangents = tangents_of(surface) if wanted else None
     points, normals, turned = shade_points(surface, tangents, bumps)
@@ -171,6 +185,7 @@ def bake_texture(
         "software": f"silint {__version__}",
         "quantity": quantity,
         "size": size,
+        **({"depth": depth} if target.suffix.lower() == ".png" else {}),
         "isolines": found.diagnostics["isolines"],
         **({"tolerance": tolerance} if tolerance is not None else {}),
         "method": method,
@@ -187,10 +202,21 @@ def bake_texture(
         **({"interpolate": asked.interpolate} if asked.interpolate is not None else {}),
         **limits,
         "uv": surface.uv_source,
+        "normals": surface.normals_from,
     }
     c = surface.corners
     written = Corners(c.positions[chosen], c.vertices[chosen], c.normals[chosen], c.uvs[chosen])
-    write_texture(target, quantity, image, coverage, written, metadata)
+    told_of_asset: dict[str, Any] = {}
+    kept = None
+    if asset is not None:
+        baked = np.zeros(scene.n_faces, bool)
+        baked[chosen] = True
+
+        def kept(png: bytes) -> bytes:
+            data, told_of_asset["asset"] = with_occlusion(asset, c.uvs, baked, png, metadata)
+            return data
+
+    write_texture(target, quantity, image, coverage, written, metadata, kept, depth)
     times.append(time.perf_counter())
 
     told = values[:, 0]
@@ -217,7 +243,11 @@ def bake_texture(
             "shared": texels.shared,
         },
         "seams": seams,
+        **told_of_asset,
+        **lost,
         "faces_without_area": surface.without_area,
+        "shifted_faces": surface.shifted,
+        "clamped_corners": surface.clamped,
         "turned_normals": turned,
         "mean": float(told.mean()),
         "min": float(told.min()),
@@ -251,6 +281,22 @@ def _checked_options(
     from silint.texture.texels import MAX_SAMPLES
 
     return positive_int(samples, "samples", 1, MAX_SAMPLES)
+
+
+def _source(scene: Scene, path: Path, target: Path, quantity: str) -> tuple[Asset | None, dict[str, Any]]:
+    """The glTF file that a .glb is to keep, or what that leaves out of its source and why."""
+    if target.suffix.lower() != ".glb":
+        return None, {}
+    reason = "only .glb and .gltf are kept"
+    if path.suffix.lower() in (".glb", ".gltf"):
+        reason = f"{quantity} is shown by a material of its own"
+        if quantity in ("ao", "sky"):
+            asset = open_asset(path, scene.faces)
+            if not isinstance(asset, str):
+                return asset, {}
+            reason = asset
+    names = left_out(path)
+    return None, {"left_out": names, "left_out_reason": reason} if names else {}
 
 
 def _seams(

@@ -1,16 +1,18 @@
 """Textures to files.
 
 ==========  ========================================================================================
-``.png``    8 bits. ao and sky: grey, the value itself (no sRGB curve). bent: the unit direction d as
+``.png``    8 or 16 bits. ao and sky: grey, the value itself (no sRGB curve). bent: the unit direction d as
             (d + 1) / 2, as normal maps have it. irradiance: `TONE_CURVE`, sRGB-encoded
 ``.exr``    float32, the values themselves: channel Y for ao and sky, R G B for the rest (bent normals
             keep their length), and ``coverage``: 1 where a texel has a value of its own, 0 in padding
 ``.glb``    the mesh with its texture coordinates, and the picture of ``.png`` inside: ao and sky as
-            ``occlusionTexture`` (its red channel) of a white material, the rest as ``baseColorTexture``
-            of an unlit one, so that viewers show the colours themselves
+            ``occlusionTexture`` (its red channel) of the materials of a glTF source, which is kept whole,
+            or of a white one; the rest as ``baseColorTexture`` of an unlit one, so that viewers show the
+            colours themselves
 ==========  ========================================================================================
 
-The metadata stands in the text chunk or attribute ``silint``, in .glb in the mesh's ``extras``.
+The metadata stands in the text chunk or attribute ``silint``, in .glb in the ``extras`` of the mesh,
+or of ``asset`` where a source is kept.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import io
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,13 +30,15 @@ import numpy.typing as npt
 
 from silint.io import LUMINANCE, write_bytes
 from silint.io.glb import glb_bytes
+from silint.io.png import png16_bytes
 from silint.validation import InputError
 
-__all__ = ["SUFFIXES", "Corners", "check_packages", "picture", "write_texture"]
+__all__ = ["DEPTHS", "SUFFIXES", "Corners", "check_packages", "picture", "write_texture"]
 
 FloatArray = npt.NDArray[np.float64]
 
 SUFFIXES = (".png", ".exr", ".glb")
+DEPTHS = (8, 16)
 
 
 class Corners(NamedTuple):
@@ -60,8 +65,10 @@ def check_packages(suffix: str) -> None:
             ) from None
 
 
-def picture(quantity: str, values: FloatArray, mean: float) -> npt.NDArray[np.uint8]:
-    """What 8 bits show (see the module's head).
+def picture(
+    quantity: str, values: FloatArray, mean: float, depth: int = 8
+) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    """What 8 or 16 bits show (see the module's head).
 
     Parameters
     ----------
@@ -70,10 +77,12 @@ def picture(quantity: str, values: FloatArray, mean: float) -> npt.NDArray[np.ui
         C is 1 or 3.
     mean : float
         Mean luminance of the covered texels, for irradiance.
+    depth : {8, 16}
+        Bits a channel.
 
     Returns
     -------
-    (H, W) or (H, W, 3) uint8
+    (H, W) or (H, W, 3) uint8 or uint16
     """
     if quantity == "bent":
         length = np.linalg.norm(values, axis=2, keepdims=True)
@@ -85,8 +94,8 @@ def picture(quantity: str, values: FloatArray, mean: float) -> npt.NDArray[np.ui
         )
     else:
         shown = values[..., 0]
-    eight_bit: npt.NDArray[np.uint8] = np.rint(255.0 * np.clip(shown, 0.0, 1.0)).astype(np.uint8)
-    return eight_bit
+    levels: FloatArray = np.rint((2**depth - 1) * np.clip(shown, 0.0, 1.0))
+    return levels.astype(np.uint8) if depth == 8 else levels.astype(np.uint16)
 
 
 def write_texture(
@@ -96,6 +105,8 @@ def write_texture(
     coverage: npt.NDArray[np.bool_],
     mesh: Corners,
     metadata: dict[str, Any],
+    kept: Callable[[bytes], bytes] | None = None,
+    depth: int = 8,
 ) -> None:
     """Write a texture in the format that the suffix names.
 
@@ -110,6 +121,10 @@ def write_texture(
         For .glb.
     metadata : dict
         Anything that JSON can hold.
+    kept : callable, optional
+        From a .png to the .glb that shall hold it, in place of one made anew of `mesh`.
+    depth : {8, 16}
+        Bits a channel of .png.
 
     Raises
     ------
@@ -121,11 +136,15 @@ def write_texture(
         write_bytes(target, _exr_bytes(values, coverage, metadata))
         return
     mean = float((values[coverage] @ LUMINANCE).mean()) if quantity == "irradiance" else 1.0
-    png = _png_bytes(picture(quantity, values, mean), metadata)
-    write_bytes(target, png if suffix == ".png" else _glb_bytes(quantity, png, mesh, metadata))
+    png = _png_bytes(picture(quantity, values, mean, depth), metadata)
+    if suffix == ".glb":
+        png = kept(png) if kept is not None else _glb_bytes(quantity, png, mesh, metadata)
+    write_bytes(target, png)
 
 
-def _png_bytes(pixels: npt.NDArray[np.uint8], metadata: dict[str, Any]) -> bytes:
+def _png_bytes(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], metadata: dict[str, Any]) -> bytes:
+    if pixels.dtype == np.uint16:
+        return png16_bytes(pixels.astype(np.uint16, copy=False), "silint", json.dumps(metadata))
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

@@ -26,11 +26,11 @@ IntArray = npt.NDArray[np.int64]
 
 # Samples a texel of seam.
 _DENSITY = 2.0
-# Weight of a texel's own value: a jump falls to some percent, and nothing is moved without need.
-_PULL = 1e-2
+# Weight of a texel's own value: a jump falls to some thousandths, and nothing is moved without need.
+_PULL = 1e-3
 _STEPS = 200
 # Values that leave their range are cut off, and the rest made to agree with them, this many times.
-_ROUNDS = 4
+_ROUNDS = 8
 _ENOUGH = 1e-6  # of the residual
 
 
@@ -110,15 +110,19 @@ def equalised(lookups: SeamLookups, values: FloatArray, positive: bool = False) 
     (T, C) float64
     """
     out = values.copy()
+    stops = np.zeros(values.shape[1])
     for _ in range(_ROUNDS if positive else 1):
-        _add_least_change(lookups, out)
+        _add_least_change(lookups, out, stops)
         if positive:
             np.clip(out, 0.0, values.max(axis=0), out=out)
     return out
 
 
-def _add_least_change(lookups: SeamLookups, out: FloatArray) -> None:
-    """Solve for each component of values (T, C), in place."""
+def _add_least_change(lookups: SeamLookups, out: FloatArray, stops: FloatArray) -> None:
+    """Solve for each component of values (T, C), in place.
+
+    Squared residuals (C,) at which to stop are those of the first call, which finds zeros.
+    """
     d = lookups.difference
     transposed = d.T.tocsr()
     for c in range(out.shape[1]):
@@ -127,9 +131,9 @@ def _add_least_change(lookups: SeamLookups, out: FloatArray) -> None:
         y, p = np.zeros_like(r), r.copy()
         # Sums by NumPy, not BLAS: those of BLAS depend on the number of threads.
         old = float((r * r).sum())
-        stop = _ENOUGH**2 * old
+        stops[c] = stops[c] or _ENOUGH**2 * old
         for _ in range(_STEPS):
-            if old <= stop:
+            if old <= stops[c]:
                 break
             q = transposed @ (d @ p) + _PULL * p
             step = old / float((p * q).sum())

@@ -69,7 +69,11 @@ def face_normals(corners: FloatArray) -> FloatArray:
 
 
 def corner_normals(
-    corners: FloatArray, welded: IntArray, flat: FloatArray, own: FloatArray | None
+    corners: FloatArray,
+    welded: IntArray,
+    flat: FloatArray,
+    own: FloatArray | None,
+    crease: float = CREASE,
 ) -> FloatArray:
     """Shading normals.
 
@@ -83,6 +87,8 @@ def corner_normals(
         Unit normals of the faces.
     own : (F, 3, 3) float64 or None
         The file's, of any length; zero ones are replaced by those of the faces.
+    crease : float
+        Without `own`: edges bent by more than this many degrees are hard.
 
     Returns
     -------
@@ -94,7 +100,7 @@ def corner_normals(
         unit = _unit(np.where(np.isfinite(own), own, 0.0))
         return np.where(unit.any(axis=2, keepdims=True), unit, whole)
     weights = _corner_angles(corners)
-    group = _smoothing_groups(welded, flat)
+    group = _smoothing_groups(welded, flat, crease)
     total = _sums(group, (weights[..., None] * whole).reshape(-1, 3))[group].reshape(corners.shape)
     # Opposite faces cancel to rounding; what is left then is no direction.
     length = np.linalg.norm(total, axis=2, keepdims=True)
@@ -181,7 +187,7 @@ def read_normal_map(path: str | os.PathLike[str], green: str) -> FloatArray:
     return vectors
 
 
-def _smoothing_groups(welded: IntArray, flat: FloatArray) -> IntArray:
+def _smoothing_groups(welded: IntArray, flat: FloatArray, crease: float) -> IntArray:
     """(3 F,) for each corner, the group of corners at its position that soft edges join."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -197,7 +203,7 @@ def _smoothing_groups(welded: IntArray, flat: FloatArray) -> IntArray:
     # Fans of more than two faces are joined neighbour by neighbour, each only where it is soft.
     a, b = order[:-1], order[1:]
     together = (keys[1:] == keys[:-1]).all(axis=1)
-    together &= (flat[face[a]] * flat[face[b]]).sum(axis=1) > np.cos(np.radians(CREASE))
+    together &= (flat[face[a]] * flat[face[b]]).sum(axis=1) > np.cos(np.radians(crease))
     pairs = np.concatenate([np.stack([ends[a, i], ends[b, i]], axis=1)[together] for i in range(2)])
     graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (3 * n_faces, 3 * n_faces))
     group: IntArray = connected_components(graph, directed=False)[1].astype(np.int64)

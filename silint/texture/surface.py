@@ -10,14 +10,15 @@ import numpy.typing as npt
 
 from silint.io.uvs import read_uvs
 from silint.scene import Scene
-from silint.texture.charts import Charts, charts_of, check_range
+from silint.texture.charts import Charts, charts_of, in_unit_square
 from silint.texture.files import Corners
 from silint.texture.shading import Tangents, corner_normals, corner_tangents, face_normals, frames
+from silint.texture.slits import cut_at_slits
 from silint.texture.texels import Texels, across_seams, find_texels
-from silint.texture.unwrap import unwrap
+from silint.texture.unwrap import repack, unwrap
 from silint.validation import InputError
 
-__all__ = ["Surface", "in_tangent_space", "shade_points", "surface_of", "tangents_of"]
+__all__ = ["Layout", "Surface", "in_tangent_space", "shade_points", "surface_of", "tangents_of"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,8 +27,25 @@ FloatArray = npt.NDArray[np.float64]
 _MOST_OVERLAP = 0.01
 _MOST_WITHOUT_AREA = 0.01
 
+# How often unwrapped charts are cut where they come too close to themselves: packed anew, they fall on other
+# texels, and a slit that was just wide enough may no longer be.
+_CUTS = 4
+
 # How far, as the sine of an angle, a shading normal stays above its face.
 _ABOVE = 2.0**-8
+
+
+class Layout(NamedTuple):
+    """What is asked of a surface."""
+
+    size: int
+    """Texels a side."""
+    samples: int = 1
+    """Positions in a texel that holds an edge."""
+    chosen: npt.NDArray[np.bool_] | slice = slice(None)
+    """Faces that are baked."""
+    normals: str = "auto"
+    """As in `silint.bake.BakeOptions`; "auto": the file's, or smooth ones up to `shading.CREASE`."""
 
 
 class Surface(NamedTuple):
@@ -45,55 +63,72 @@ class Surface(NamedTuple):
     uv_source: str
     uv_reason: str
     """Why the file's own coordinates were not taken, or nothing."""
+    normals_from: str
+    """``file``, ``smooth``, ``creased`` or ``flat``."""
     without_area: int
     """Faces without an area in space or in the texture."""
+    shifted: int
+    """Faces whose coordinates were moved by whole squares."""
+    clamped: int
+    """Corners whose coordinates lay beyond the square, by half a texel at most."""
 
 
-def surface_of(
-    scene: Scene, path: Path, size: int, uv: str, samples: int, chosen: npt.NDArray[np.bool_] | slice
-) -> Surface:
+def surface_of(scene: Scene, path: Path, uv: str, layout: Layout) -> Surface:
     """The mesh on texture coordinates that are fit for a bake, and the texels of the chosen faces."""
+    if layout.normals == "file" and not scene.own_normals.any():
+        raise InputError(f"{path}: has no normals of its own, which normals='file' asks for; try 'smooth'")
     reason = ""
     if uv != "unwrap":
         uvs = read_uvs(path, scene.n_faces)
         try:
             if uvs is None:
                 raise InputError("the file has no texture coordinates")
-            return _laid_out(scene, uvs, size, samples, chosen, "file", "")
+            return _laid_out(scene, uvs, layout, "file", "")
         except InputError as error:
             if uv == "file":
                 raise InputError(f"{path}: {error}; use uv='unwrap'") from None
             reason = str(error)
     try:
-        welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
-        uvs = unwrap(scene.vertices[scene.first_vertices], welded, size)
-        return _laid_out(scene, uvs, size, samples, chosen, "unwrapped", reason)
+        return _unwrapped(scene, layout, reason)
     except InputError as error:
         raise InputError(f"{path}: {f'{reason}, and ' if reason else ''}{error}") from None
+
+
+def _unwrapped(scene: Scene, layout: Layout, reason: str) -> Surface:
+    """The mesh on coordinates by xatlas, whose charts are cut at slits."""
+    welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
+    uvs = unwrap(scene.vertices[scene.first_vertices], welded, layout.size)
+    surface = _laid_out(scene, uvs, layout, "unwrapped", reason)
+    for _ in range(_CUTS):
+        charts, uvs = surface.charts, surface.corners.uvs
+        pieces = cut_at_slits(charts, surface.texels.rivals, uvs)
+        if pieces.max() < charts.n_charts:
+            break
+        again = _laid_out(scene, repack(uvs, pieces, layout.size), layout, "unwrapped", reason)
+        if again.texels.shared >= surface.texels.shared:
+            break
+        surface = again
+    return surface
 
 
 def _laid_out(
     scene: Scene,
     uvs: FloatArray,
-    size: int,
-    samples: int,
-    chosen: npt.NDArray[np.bool_] | slice,
+    layout: Layout,
     source: str,
     reason: str,
 ) -> Surface:
+    size = layout.size
     wanted = np.zeros(scene.n_faces, bool)
-    wanted[chosen] = True
-    in_range, complaint = check_range(uvs[wanted])
-    if complaint:
-        raise InputError(complaint)
-    uvs = uvs.copy()
-    uvs[wanted] = in_range
+    wanted[layout.chosen] = True
     faces = scene.faces.astype(np.int64)
     welded = scene.welding.vertex_map[scene.faces].astype(np.int64)
+    square = in_unit_square(uvs[wanted], welded[wanted], size)
+    uvs = uvs.copy()
+    uvs[wanted] = square.uvs
     positions = scene.vertices[faces]
     flat = face_normals(positions)
-    own = None if scene.normals is None else scene.normals[faces]
-    normals = corner_normals(positions, welded, flat, own)
+    normals, normals_from = _normals(scene, positions, welded, flat, layout.normals)
 
     d1, d2 = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
     in_texture = d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0] != 0.0
@@ -105,11 +140,12 @@ def _laid_out(
         raise InputError(f"its texture coordinates have no area for {100.0 * lost:.3g} % of the surface")
     charts = charts_of(uvs, welded, normals, flat, wanted & in_texture & in_space)
 
-    texels = find_texels(uvs, positions, charts, flat, size, samples)
+    texels = find_texels(uvs, positions, charts, flat, size, layout.samples)
     texels = across_seams(texels, charts, positions, uvs, size)
     if texels.overlapping > _MOST_OVERLAP * texels.inside:
         share = 100.0 * texels.overlapping / texels.inside
-        raise InputError(f"{share:.3g} % of the texels in its charts belong to two or more faces")
+        moved = ", once all charts are moved into [0, 1]" if square.shifted else ""
+        raise InputError(f"{share:.3g} % of the texels in its charts belong to two or more faces{moved}")
     towards = (normals.sum(axis=1) * flat).sum(axis=1) < 0.0
     return Surface(
         Corners(positions, faces, normals, uvs),
@@ -120,8 +156,23 @@ def _laid_out(
         welded,
         source,
         reason,
+        normals_from,
         int((wanted & ~(in_texture & in_space)).sum()),
+        square.shifted,
+        square.clamped,
     )
+
+
+def _normals(
+    scene: Scene, positions: FloatArray, welded: npt.NDArray[np.int64], flat: FloatArray, asked: str
+) -> tuple[FloatArray, str]:
+    """Shading normals (F, 3, 3), and where they come from."""
+    if asked == "flat":
+        return np.repeat(flat[:, None], 3, axis=1), "flat"
+    if asked == "smooth":
+        return corner_normals(positions, welded, flat, None, crease=180.0), "smooth"
+    own = None if scene.normals is None else scene.normals[scene.faces]
+    return corner_normals(positions, welded, flat, own), "creased" if own is None else "file"
 
 
 def tangents_of(surface: Surface) -> Tangents:

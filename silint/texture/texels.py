@@ -63,6 +63,8 @@ class Texels(NamedTuple):
     shared: int
     """Covered texels whose footprint meets a second chart, or its own beyond a slit: of the lookups that read
     them, some want another place."""
+    rivals: npt.NDArray[np.int32]
+    """(r, 2) face that a shared texel belongs to, and one of those that compete with it."""
 
     def means(self, values: FloatArray) -> FloatArray:
         """Values (T, C) of texels from those of samples (m, C)."""
@@ -102,12 +104,12 @@ def find_texels(
     for first, last in _parts(corners):
         uv_cover.cover(corners, first, last, owner, distance, held)
 
-    mixed, shared = np.zeros(shape, bool), np.zeros(shape, bool)
+    mixed, rival = np.zeros(shape, bool), np.full(shape, -1, np.int32)
     cosine = float(np.cos(np.radians(BEND)))
     normals, places = np.ascontiguousarray(flat[used]), np.ascontiguousarray(positions[used])
     reach = _REACH * _stretch(corners, places)
     for first, last in _parts(corners):
-        uv_cover.mark(corners, places, reach, chart, normals, cosine, first, last, owner, mixed, shared)
+        uv_cover.mark(corners, places, reach, chart, normals, cosine, first, last, owner, mixed, rival)
     ends = np.stack([charts.borders[:, 1], (charts.borders[:, 1] + 1) % 3], axis=1)
     segments = np.ascontiguousarray(_in_texels(uvs[charts.borders[:, :1], ends], size))
     border_chart = charts.of_face[charts.borders[:, 0]]
@@ -133,6 +135,8 @@ def find_texels(
             corners, chart, offsets, first, last, owner, slot, sample_owner, sample_distance
         )
 
+    shared = rival >= 0
+    pairs = np.unique(np.stack([owner[shared], rival[shared]], axis=1), axis=0)
     counts = np.ones(len(index), np.int64)
     counts[of_index] = samples
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -155,6 +159,7 @@ def find_texels(
         int((held > 1).sum()),
         len(of_index),
         int(shared.sum()),
+        used[pairs],
     )
 
 
@@ -191,11 +196,12 @@ def across_seams(texels: Texels, charts: Charts, positions: FloatArray, uvs: Flo
     edge = (beyond.argmin(axis=1) + 1) % 3
     other = charts.across[face, edge]
     keep = (other >= 0) & ((beyond < 0.0).sum(axis=1) == 1)
+    keep &= np.diff(texels.offsets)[rows] == 1  # a fold that ends here matters more than half a texel
     rows, face, other, beyond = rows[keep], face[keep], other[keep], beyond[keep]
     place = np.einsum("mi,mid->md", beyond, positions[face])
     weights = _nearest_weights(positions[other], place)
     sample_face, sample_weights = texels.sample_face.copy(), texels.sample_weights.copy()
-    sample_face[texels.offsets[rows]] = other  # those outside have one sample each
+    sample_face[texels.offsets[rows]] = other
     sample_weights[texels.offsets[rows]] = weights
     return texels._replace(sample_face=sample_face, sample_weights=sample_weights)
 

@@ -11,13 +11,14 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from silint.validation import InputError
 
-__all__ = ["unwrap"]
+__all__ = ["repack", "unwrap"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,21 +46,60 @@ def unwrap(vertices: FloatArray, faces: npt.NDArray[np.int64], size: int) -> Flo
     InputError
         xatlas is not installed, or fails.
     """
+    # float32 and absolute thresholds inside: a mesh of unit size loses nothing.
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    scale = float(np.abs(vertices - middle).max()) or 1.0
+    positions = ((vertices - middle) / scale).astype(np.float32)
+    return _by_xatlas({"positions": positions}, faces, size)
+
+
+def repack(uvs: FloatArray, charts: npt.NDArray[np.int32], size: int) -> FloatArray:
+    """Charts turned, scaled by one factor, and moved apart, with the room between them that `unwrap` leaves.
+
+    (xatlas then stretches each until its box has whole texels.)
+
+    Parameters
+    ----------
+    uvs : (F, 3, 2) float64
+        In the unit square.
+    charts : (F,) int32
+        Chart of each face, which need not be what `uvs` say: cut them here. Faces with -1 are left out and
+        have all corners in one point.
+    size : int
+        Side of the texture in texels.
+
+    Returns
+    -------
+    (F, 3, 2) float64
+
+    Raises
+    ------
+    InputError
+        As `unwrap`.
+    """
+    used = charts >= 0
+    corners = np.concatenate([np.repeat(charts[used], 3)[:, None], uvs[used].reshape(-1, 2)], axis=1)
+    rows, faces = np.unique(corners, axis=0, return_inverse=True)
+    arrays = {"uvs": (size * rows[:, 1:]).astype(np.float32), "charts": charts[used].astype(np.uint32)}
+    out = np.zeros_like(uvs)
+    out[used] = _by_xatlas(arrays, faces.reshape(-1, 3), size)
+    return out
+
+
+def _by_xatlas(arrays: dict[str, npt.NDArray[Any]], faces: npt.NDArray[np.int64], size: int) -> FloatArray:
+    """Texture coordinates (F, 3, 2) from what `xatlas_worker` makes of the arrays."""
     if importlib.util.find_spec("xatlas") is None:
         raise InputError(
             "unwrapping needs the package xatlas: pip install 'silint[texture]', or bring texture coordinates"
         )
-    # float32 and absolute thresholds inside: a mesh of unit size loses nothing.
-    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    scale = float(np.abs(vertices - middle).max()) or 1.0
     with tempfile.TemporaryDirectory(prefix="silint-unwrap-") as folder:
         source, target = (os.path.join(folder, name) for name in ("mesh.npz", "atlas.npz"))
         np.savez(
             source,
-            positions=((vertices - middle) / scale).astype(np.float32),
             faces=faces.astype(np.uint32),
             resolution=size,
             padding=min(4, max(1, size // 16)),
+            **arrays,  # type: ignore[arg-type]  # the stubs take them for savez's own options
         )
         worker = Path(__file__).with_name("xatlas_worker.py")
         done = subprocess.run(

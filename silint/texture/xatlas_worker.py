@@ -1,4 +1,7 @@
-"""Run as a script: unwrap the mesh of one .npz into another with xatlas, which may end its process."""
+"""Run as a script: unwrap the mesh of one .npz into another with xatlas, which may end its process.
+
+With ``uvs`` and ``charts`` in place of ``positions``, pack these charts anew.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,10 @@ if __name__ == "__main__":
     source, target = sys.argv[1:]
     with np.load(source) as data:
         atlas = xatlas.Atlas()
-        atlas.add_mesh(data["positions"], data["faces"])
+        if "uvs" in data:
+            atlas.add_uv_mesh(data["uvs"], data["faces"], data["charts"][:, None])
+        else:
+            atlas.add_mesh(data["positions"], data["faces"])
         options = xatlas.PackOptions()
         options.resolution = int(data["resolution"])
         options.padding = int(data["padding"])

@@ -117,6 +117,33 @@ def test_texture(square, capfd):
     assert texture(capfd, "--texture", "16", "--occluder", "lid.obj", "--spread", "20")[0][8, 8] == 0
 
 
+def test_what_becomes_of_the_source_is_told(square, capfd):
+    def told(*arguments):
+        assert cli.run(["bake", *arguments, "--texture", "16", "--isolines", "4"]) == 0
+        return capfd.readouterr().out
+
+    rows = (square / "square.obj").read_text().splitlines()
+    (square / "square.obj").write_text("\n".join([*rows[:-1], "usemtl red", rows[-1]]))
+    reason = "only .glb and .gltf are kept"
+    assert f"left out of the source: materials; {reason}\n" in told("square.obj", "-o", "one.glb")
+    kept = "the source is kept: 1 of its materials have the occlusion, by TEXCOORD_0; 1 had one before\n"
+    assert kept in told("one.glb", "-o", "two.glb")
+    two = trimesh.Scene({"a": trimesh.creation.box(), "b": trimesh.creation.icosphere(1)})
+    two.export(square / "parts.glb")
+    of_group = told("parts.glb", "-o", "two.glb", "--group", "a")
+    assert "\n1 nodes of other groups stay without their meshes\n" in of_group
+    left = "left out of the source: materials, textures, texture coordinates; bent is shown by"
+    assert left in told("one.glb", "-o", "two.glb", "--quantity", "bent")
+    assert "source" not in told("one.glb", "-o", "two.png")
+    text = (square / "square.obj").read_text().replace("vt 1 ", "vt 1.01 ").replace("vt 0 ", "vt 0.5 ")
+    (square / "square.obj").write_text(text.replace("vt 1.01 ", "vt 1.0005 "))
+    assert "\n3 corners have coordinates beyond [0, 1] by half a texel or less" in told(
+        "square.obj", "-o", "a.png"
+    )
+    (square / "square.obj").write_text(text.replace("vt 1.01 ", "vt 1.9 ").replace("vt 0.5 ", "vt 1.1 "))
+    assert "\n2 faces have coordinates in other squares than [0, 1]" in told("square.obj", "-o", "a.png")
+
+
 def test_texture_of_objects_alone(square, capfd):
     """The lid has the other half of the texture's width."""
     rows = ["o floor", *(square / "square.obj").read_text().replace("vt 1 ", "vt .5 ").splitlines()]
@@ -243,9 +270,11 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("both.obj", "--texture", "8", "--uv", "new"), "uv is 'new'"),
         (("both.obj", "--texture", "8", "--per", "face"), "--per is not for --texture"),
         (("both.obj", "--texture", "8", "--group", "wall"), "both.obj: has no group 'wall'"),
-        (("both.obj", "--texture", "8", "--normals", "flat"), "--normals is not for --texture"),
+        (("both.obj", "--texture", "8", "--normals", "file"), "both.obj: has no normals of its own"),
         (("both.obj", "--texture", "8", "--quantity", "sh"), "--texture is not for quantity 'sh'"),
         (("both.obj", "--texture", "8", "--space", "moon"), "space is 'moon'"),
+        (("both.obj", "--texture", "8", "--depth", "9"), "depth is 9; expected 8 or 16"),
+        (("both.obj", "--depth", "16"), "--depth needs --texture N"),
         (("both.obj", "--uv", "file"), "--uv needs --texture N"),
         (("both.obj", "--normal-map", "map.png"), "--normal-map needs --texture N"),
         (("both.obj", "--max-distance", "x"), "max_distance is 'x'; expected"),

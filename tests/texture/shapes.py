@@ -35,6 +35,25 @@ def grid(origin, across, up, n=1):
     return vertices, faces, places[faces]
 
 
+def strip(uvs_of, n=12):
+    """A straight strip of n squares; its texture coordinates by a function of their (x, y)."""
+    i = np.arange(n)
+    vertices = np.array([(x, y, 0.0) for x in range(n + 1) for y in range(2)])
+    faces = np.concatenate([np.c_[2 * i, 2 * i + 2, 2 * i + 3], np.c_[2 * i, 2 * i + 3, 2 * i + 1]])
+    return vertices, faces, np.array([uvs_of(x, y) for x, y, _ in vertices])[faces]
+
+
+def ring(gap):
+    """A strip of 12 squares bent round until its ends, far apart in space, are within twice a gap."""
+
+    def place(x, y):
+        angle = gap / 0.35 + (2 * np.pi - 2 * gap / 0.35) * x / 12
+        radius = 0.45 - 0.18 * y
+        return 0.5 + radius * np.cos(angle), 0.5 - radius * np.sin(angle)
+
+    return place
+
+
 def placed(uvs, u0, v0, u1, v1):
     """Unit-square coordinates moved into a rectangle."""
     return uvs * (u1 - u0, v1 - v0) + (u0, v0)

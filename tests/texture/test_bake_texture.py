@@ -14,6 +14,7 @@ from silint import InputError
 from silint.io import LUMINANCE
 from silint.io.uvs import read_uvs
 from silint.texture import bake_texture
+from tests.io.test_png import decoded
 from tests.texture.shapes import (
     BOX_CELL,
     box,
@@ -47,6 +48,10 @@ def read_exr(path):
 def read_png(path):
     with Image.open(path) as image:
         return np.array(image)
+
+
+def read_png16(path):
+    return decoded(path.read_bytes())
 
 
 def texel_uv(size):
@@ -340,6 +345,59 @@ def test_irradiance_is_linear_in_exr_and_toned_in_png(tmp_path):
     np.testing.assert_allclose(shown, encoded, atol=0.51 / 255)
 
 
+def test_normals_are_those_that_are_asked_for(tmp_path):
+    """Of a box alone: only the face itself blocks, so that a leaning normal n sees (1 + n.f) / 2."""
+    vertices, faces, uvs = box(floor=False)
+    size = 64
+    middle = vertices.mean(axis=0)
+    leaning = vertices[faces] - middle  # towards the corners, as the mean of three sides is
+    bare = written(tmp_path, vertices, faces, uvs, name="bare.obj")
+    own = written(tmp_path, vertices, faces, uvs, leaning, name="own.obj")
+    seen = {}
+    for path, normals, source in [
+        (bare, "auto", "creased"),
+        (bare, "flat", "flat"),
+        (bare, "smooth", "smooth"),
+        (own, "auto", "file"),
+        (own, "file", "file"),
+        (own, "flat", "flat"),
+        (own, "smooth", "smooth"),
+    ]:
+        summary = bake_texture(path, tmp_path / "ao.exr", size, isolines=256, samples=1, normals=normals)
+        assert summary["normals"] == source
+        seen[path.stem, normals] = read_exr(tmp_path / "ao.exr")[0][..., 0]
+    assert (seen["bare", "auto"] == 1.0).all() and (seen["bare", "flat"] == 1.0).all()
+    assert (seen["own", "flat"] == 1.0).all()
+    for k in range(6):
+        at = (texel_uv(size) - box_cell(k)) / BOX_CELL
+        inside = ((at > 0.02) & (at < 0.98)).all(axis=2)
+        across, up = (2.0 * at[inside] - 1.0).T
+        expected = 0.5 * (1.0 + 1.0 / np.sqrt(1.0 + across**2 + up**2))
+        for key in (("bare", "smooth"), ("own", "auto"), ("own", "file"), ("own", "smooth")):
+            np.testing.assert_allclose(seen[key][inside], expected, atol=1e-3)  # of 256 isolines
+    message = refused(bare, tmp_path / "ao.exr", 16, normals="file")
+    assert message.endswith("has no normals of its own, which normals='file' asks for; try 'smooth'")
+    assert "normals is 'round'" in refused(bare, tmp_path / "ao.exr", 16, normals="round")
+
+
+@pytest.mark.parametrize("quantity", ["ao", "bent"])
+def test_sixteen_bits_are_those_of_the_values(tmp_path, quantity):
+    path = written(tmp_path, *box())
+    summary = bake_texture(path, tmp_path / "deep.png", 40, quantity, isolines=16, depth=16)
+    assert summary["depth"] == 16
+    bake_texture(path, tmp_path / "values.exr", 40, quantity, isolines=16)
+    bake_texture(path, tmp_path / "flat.png", 40, quantity, isolines=16)
+    values, _ = read_exr(tmp_path / "values.exr")
+    if quantity == "bent":
+        values = 0.5 + 0.5 * values / np.linalg.norm(values, axis=2, keepdims=True)
+    deep = read_png16(tmp_path / "deep.png").reshape(values.shape)
+    # Half a step, and float32's rounding in the .exr.
+    np.testing.assert_allclose(deep / 65535.0, values, atol=0.51 / 65535)
+    np.testing.assert_allclose(read_png(tmp_path / "flat.png").reshape(values.shape), deep / 257.0, atol=0.51)
+    with Image.open(tmp_path / "deep.png") as image:
+        assert json.loads(image.text["silint"])["quantity"] == quantity
+
+
 def test_a_texture_of_one_texel(tmp_path):
     path = written(tmp_path, *box())
     summary = bake_texture(path, tmp_path / "one.png", 1, isolines=16)
@@ -424,6 +482,10 @@ def test_bad_options_are_told_before_anything_is_computed(tmp_path):
         ({"up": (0, 0, 0)}, "up"),
         ({"environment": 3}, "only quantity 'irradiance'"),
         ({"quantity": "irradiance"}, "needs an environment"),
+        ({"depth": 12}, "depth is 12; expected 8 or 16"),
+        ({"depth": "16"}, "depth is '16'"),
+        ({"depth": True}, "depth is True"),
+        ({"depth": 16.0}, "depth is 16.0"),
         ({"wobble": 3}, "unknown option 'wobble'"),
         ({"normal_map": tmp_path / "no.png"}, "no.png"),
         ({"normal_map": path}, "unknown suffix"),
@@ -432,6 +494,8 @@ def test_bad_options_are_told_before_anything_is_computed(tmp_path):
         assert words in message, message
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "grey.png")
     assert "grey" in refused(path, out, 16, normal_map=tmp_path / "grey.png")
+    for name in ("out.exr", "out.glb"):
+        assert "depth is 16; only .png" in refused(path, tmp_path / name, 16, depth=16)
     assert ".png .exr .glb" in refused(path, tmp_path / "out.jpg", 16)
     assert "no such file" in refused(tmp_path / "none.obj", out, 16)
     assert not out.exists()
@@ -449,7 +513,9 @@ def test_coordinates_that_are_not_fit_for_a_bake(tmp_path, monkeypatch):
         return refused(written(tmp_path, vertices, faces, uvs), out, 32, uv=uv)
 
     assert "no texture coordinates; use uv='unwrap'" in complaint(None)
-    assert "span [0.02, 0.9667] x [0.03, 1.45]" in complaint(uvs * (1, 1.5))
+    # The third row of charts lies across v = 1; or else wholly beyond, where it falls onto the first.
+    assert "span [0.02, 0.9667] x [0.024, 1.16]" in complaint(uvs * (1, 1.2))
+    assert "belong to two or more faces, once all charts are moved into [0, 1]" in complaint(uvs * (1, 1.5))
     assert "not finite" in complaint(uvs * np.nan)
     assert "no area for 100 % of the surface" in complaint(uvs * (1, 0))
     stacked = uvs.copy()
@@ -463,10 +529,19 @@ def test_coordinates_that_are_not_fit_for_a_bake(tmp_path, monkeypatch):
     assert not out.exists()
 
 
-def test_coordinates_beyond_the_square_by_rounding_are_fine(tmp_path):
+def test_charts_in_other_squares_are_baked_as_if_in_this_one(tmp_path):
     vertices, faces, uvs = box()
-    uvs = (uvs - uvs.min()) / (uvs.max() - uvs.min()) * (1 + 2e-6) - 1e-6
-    assert bake_texture(written(tmp_path, vertices, faces, uvs), tmp_path / "a.png", 16)["uv"] == "file"
+    elsewhere = uvs.copy()
+    elsewhere[:2] += (3.0, -1.0)
+    elsewhere[4:6] += (0.0, 1.0)
+    images = []
+    for moved in (uvs, elsewhere):
+        summary = bake_texture(written(tmp_path, vertices, faces, moved), tmp_path / "a.png", 48, isolines=8)
+        assert summary["uv"] == "file"
+        images.append(read_png(tmp_path / "a.png"))
+    assert summary["shifted_faces"] == 4 and summary["clamped_corners"] == 0
+    # Subtracting 3 rounds: a texel on a chart's border may take another point.
+    assert np.abs(images[0].astype(int) - images[1]).max() <= 1
 
 
 def test_faces_without_area_are_counted(tmp_path):

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from silint.core import uv_cover
 from silint.texture.charts import charts_of
-from silint.texture.texels import find_texels, sample_offsets
+from silint.texture.texels import across_seams, find_texels, sample_offsets
+from tests.texture.shapes import ring, strip
 
 
 def in_space(uvs):
@@ -95,12 +96,8 @@ def test_overlaps_and_near_charts_are_counted():
     assert covered(near, 32).shared > 10
 
 
-def strip(uvs_of, n=12):
-    """A straight strip of n squares in space; its texture coordinates by a function of their (x, y)."""
-    i = np.arange(n)
-    vertices = np.array([(x, y, 0.0) for x in range(n + 1) for y in range(2)])
-    faces = np.concatenate([np.c_[2 * i, 2 * i + 2, 2 * i + 3], np.c_[2 * i, 2 * i + 3, 2 * i + 1]])
-    uvs = np.array([uvs_of(x, y) for x, y, _ in vertices])[faces]
+def strip_texels(uvs_of):
+    vertices, faces, uvs = strip(uvs_of)
     flat = np.tile([0.0, 0.0, 1.0], (len(faces), 1))
     normals = np.repeat(flat[:, None], 3, axis=1)
     charts = charts_of(uvs, faces, normals, flat, np.ones(len(faces), bool))
@@ -109,20 +106,13 @@ def strip(uvs_of, n=12):
 
 
 def test_a_slit_within_a_chart_is_counted():
-    """A strip bent into a ring that does not quite close: its ends, far apart in space, are neighbours."""
-
-    def ring(gap):
-        def place(x, y):
-            angle = gap / 0.35 + (2 * np.pi - 2 * gap / 0.35) * x / 12
-            radius = 0.45 - 0.18 * y
-            return 0.5 + radius * np.cos(angle), 0.5 - radius * np.sin(angle)
-
-        return place
-
-    assert strip(lambda x, y: (0.05 + 0.9 * x / 12, 0.4 + 0.075 * y)).shared == 0
-    assert strip(ring(4.0 / 64)).shared == 0
+    assert strip_texels(lambda x, y: (0.05 + 0.9 * x / 12, 0.4 + 0.075 * y)).shared == 0
+    assert strip_texels(ring(4.0 / 64)).shared == 0
     # About 12 texels long, 2 or 3 wide.
-    assert 12 <= strip(ring(0.5 / 64)).shared <= 60
+    found = strip_texels(ring(0.5 / 64))
+    assert 12 <= found.shared <= 60
+    # Its rivals are faces of the two ends, squares 0 and 11.
+    assert len(found.rivals) and {tuple(pair) for pair in np.sort(found.rivals % 12).tolist()} == {(0, 11)}
 
 
 def test_texels_that_hold_an_edge_have_several_samples():
@@ -180,3 +170,27 @@ def test_order_of_faces_and_degenerate_ones_change_no_coverage():
     a, b = covered(uvs, 64), covered(uvs[::-1], 64)
     assert np.array_equal(a.texel, b.texel)
     assert (a.inside, a.overlapping, a.shared) == (b.inside, b.overlapping, b.shared)
+
+
+def test_beyond_a_seam_texels_take_the_other_side_but_for_those_on_a_fold():
+    """Two faces folded along x = 0, y > 0, and a third beyond the seam of the first, in its plane."""
+    vertices = np.array([(-1, 0, 0), (0, 0, 0), (0, 1, 0), (0.7, 0, 0.7), (-0.5, -1, 0)], float)
+    faces = np.array([[0, 1, 2], [1, 3, 2], [1, 0, 4]])
+    size = 64
+    # The vertex on the fold just above the centre of a texel, the third face far away in the texture.
+    place = np.array([(-24, 0), (0, 0), (0, 24), (24, 0), (-12, -20)]) / size + (32.6 / size, 1 - 32.4 / size)
+    uvs = place[faces]
+    uvs[2] += (0.2, -0.15)
+    flat = np.array([(0, 0, 1), (-np.sqrt(0.5), 0, np.sqrt(0.5)), (0, 0, 1)])
+    normals = np.tile([0.0, 0.0, 1.0], (3, 3, 1))
+    charts = charts_of(uvs, faces, normals, flat, np.ones(3, bool))
+    assert charts.n_charts == 2 and len(charts.seams.left) == 1
+    texels = find_texels(uvs, vertices[faces], charts, flat, size, 4)
+    moved = across_seams(texels, charts, vertices[faces], uvs, size)
+    several = np.repeat(np.diff(texels.offsets) > 1, np.diff(texels.offsets))
+    on_fold = np.searchsorted(texels.texel, 32 * size + 32)
+    assert np.diff(texels.offsets)[on_fold] == 4 and on_fold in texels.outside
+    assert np.array_equal(moved.sample_face[several], texels.sample_face[several])
+    # Those below the first face lie on the third.
+    below = (texels.texel // size == 32) & (texels.texel % size < 31) & (texels.texel % size > 9)
+    assert (moved.sample_face[moved.offsets[:-1][below]] == 2).all() and below.sum() == 21

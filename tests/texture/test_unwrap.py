@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 from silint import InputError
-from silint.texture.unwrap import unwrap
+from silint.texture.unwrap import repack, unwrap
+from tests.texture.shapes import grid
 
 BALL = trimesh.creation.icosphere(2)
 
@@ -32,6 +33,27 @@ def test_charts_keep_shapes_and_gaps(scale):
     stretch = area / BALL.area_faces
     assert stretch.max() < 4.0 * stretch.min()
     assert np.array_equal(uvs, unwrap(scale * BALL.vertices + scale, BALL.faces, size))
+
+
+def test_charts_are_packed_anew_with_gaps():
+    pytest.importorskip("xatlas")
+    size = 128
+    # Two squares that touch, of 16 triangles in all; the last is left out.
+    uvs = 0.4 * np.concatenate([grid((0, 0, 0), (1, 0, 0), (0, 1, 0), 2)[2] + (side, 0) for side in (0, 1)])
+    charts = np.repeat([0, 1], 8).astype(np.int32)
+    charts[-1] = -1
+    out = repack(uvs, charts, size)
+    assert out.min() >= 0.0 and out.max() <= 1.0 and (out[-1] == out[-1, 0]).all()
+    used = charts >= 0
+    lengths = [np.linalg.norm(np.roll(uv, -1, axis=1) - uv, axis=2)[used] for uv in (uvs, out)]
+    scale = lengths[1] / lengths[0]
+    np.testing.assert_allclose(scale, scale[0, 0], rtol=0.05)  # boxes of whole texels
+    d1, d2 = out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]
+    assert (d1[used, 0] * d2[used, 1] > d1[used, 1] * d2[used, 0]).all()  # none is mirrored
+    # Their boxes are 2 texels apart, at least.
+    low = np.array([out[charts == k].min(axis=(0, 1)) for k in (0, 1)])
+    high = np.array([out[charts == k].max(axis=(0, 1)) for k in (0, 1)])
+    assert size * np.maximum(low[1] - high[0], low[0] - high[1]).max() >= 2.0
 
 
 def test_a_missing_package_is_one_line(monkeypatch):
