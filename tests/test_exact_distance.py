@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import t as student
 
 from scenes.clutter import clutter
 from scenes.foliage import foliage
 from scenes.mesh import boxes, concatenate
 from silint import Scene, SilhouetteIntegrator
+from silint.reference import EmbreeQMC, embree_available
 from tests import ball_oracle
 from tests.exact_scenes import (
     ExactScene,
@@ -249,3 +251,26 @@ def test_no_value_depends_on_company_order_threads_or_unit() -> None:
         numba.set_num_threads(threads)
     larger = SilhouetteIntegrator(Scene(4.0 * sil.scene.vertices, sil.scene.faces))
     assert (exact(larger, 4.0 * p, n, "8%") == whole).all()
+
+
+@pytest.mark.parametrize("percent", [2, 8, 25])
+def test_rays_that_end_agree(percent: float) -> None:
+    if not embree_available():
+        pytest.skip("no embreex here")
+    vertices, faces = clutter(3, 2)
+    # The coordinates of float32 that Embree has, and points far enough from faces for it.
+    sil = SilhouetteIntegrator(Scene(np.asarray(vertices, np.float32).astype(np.float64), faces))
+    p, n = rows(sil, 150)
+    p = p + 1e-4 * sil.scene.extent * n
+    R = percent / 100 * float(np.linalg.norm(np.ptp(sil.scene.vertices, axis=0)))
+    found = sil.ambient_occlusion(p, n, method="exact", max_distance=R)
+    embree = EmbreeQMC(sil.scene.vertices, sil.scene.faces)
+    rays = embree.ambient_occlusion(p, n, 512, scrambles=32, max_distance=R)
+    known = rays.standard_error > 0
+    z = (found - rays.value)[known] / rays.standard_error[known]
+    # What one of all points passes in a thousand runs.
+    assert np.abs(z).max() < student.isf(0.5e-3 / len(p), 31)
+    assert np.sqrt((z**2).mean()) < 1.3
+    # All rays of a point agree: what it sees otherwise is too small for 16384 rays.
+    assert np.abs((found - rays.value)[~known]).max(initial=0.0) < 1e-3
+    assert known.sum() > 50
