@@ -135,9 +135,11 @@ class Limits:
             return "radial"
         if method == "auto" and has_exact and not others:
             return "exact"
-        better = "; use method='exact'" if has_exact and not others else ""
+        better = "use method='exact'" if has_exact and not others else "take a wider one"
+        if has_exact and others:
+            better += f", or leave {others[0]} out"
         raise InputError(
-            f"spread is {self.spread:g}; radial isolines need {LEAST_RADIAL_SPREAD:g} to 90 degrees{better}"
+            f"spread is {self.spread:g}; radial isolines need {LEAST_RADIAL_SPREAD:g} to 90 degrees: {better}"
         )
 
 
@@ -150,7 +152,7 @@ def _checked_distance(value: Any) -> float | str:
         number = float(text.removesuffix("%"))
     except ValueError:
         number = math.nan
-    if not 0.0 < number < math.inf:
+    if "_" in text or not 0.0 < number < math.inf:  # "1_0" is Python's ten, and elsewhere a slip
         raise InputError(f"max_distance is {value!r}; {expected}")
     return f"{number!r}%" if text.endswith("%") else number
 

@@ -540,6 +540,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"max_distance": "abc%"}, "max_distance is 'abc%'; expected a finite number above 0, or percent"),
     ({"max_distance": "5%%"}, "max_distance is '5%%'"),
     ({"max_distance": "%"}, "max_distance is '%'"),
+    ({"max_distance": "1_0"}, "max_distance is '1_0'"),
     ({"max_distance": "0%"}, "max_distance is '0%'"),
     ({"max_distance": "-5%"}, "max_distance is '-5%'"),
     ({"max_distance": "nan%"}, "max_distance is 'nan%'"),
@@ -568,9 +569,9 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"ground": FLOOR, "method": "exact", "spread": 20.0}, "ground given with method='exact'"),
     (
         {"spread": 3.0, "method": "radial"},
-        "spread is 3; radial isolines need 4 to 90 degrees; use method='exact'",
+        "spread is 3; radial isolines need 4 to 90 degrees: use method='exact'",
     ),
-    ({"spread": 3.0, "ground": FLOOR}, "spread is 3; radial isolines need 4 to 90 degrees"),
+    ({"spread": 3.0, "ground": FLOOR}, "spread is 3; radial isolines need 4 to 90 degrees: take a wider"),
 ]
 
 

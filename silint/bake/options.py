@@ -192,6 +192,19 @@ class BakeOptions:
             found["falloff"] = limits.falloff
         return found
 
+    @property
+    def open_value(self) -> float | None:
+        """What a point has that sees everything (of bent normals: their length), if that is one number.
+
+        Within a spread S a bent normal is int n.w w dw over the cone, over int n.w dw = pi sin^2 S.
+        """
+        if self.quantity in ("ao", "sky"):
+            return 1.0
+        if self.quantity == "irradiance" or self.two_sided:  # of which open sides cancel
+            return None
+        c = Limits(spread=self.spread).cone
+        return 2.0 / 3.0 * (1.0 + c + c * c) / (1.0 + c)
+
     def with_light(self) -> BakeOptions:
         """The same, with the environment read if it is the name of a file."""
         from silint.environment import Environment

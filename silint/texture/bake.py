@@ -130,7 +130,7 @@ def bake_texture(
     samples = _checked_options(quantity, uv, padding, normal_map, space, green, samples)
     target = check_output(output, SUFFIXES)
     check_packages(target.suffix.lower())
-    check_unread(output, mesh_path, asked.occluders)
+    check_unread(output, mesh_path, asked.occluders, environment=environment, normal_map=normal_map)
     bumps = None if normal_map is None else read_normal_map(normal_map, green)
     asked = asked.with_light()
 
@@ -222,6 +222,7 @@ def bake_texture(
         "mean": float(told.mean()),
         "min": float(told.min()),
         "max": float(told.max()),
+        "open": asked.open_value,
         "files": [{"path": os.fspath(output), "bytes": target.stat().st_size}],
         "seconds": dict(zip(steps, np.diff(times).tolist(), strict=True)),
         "peak_memory_bytes": peak_memory(),
