@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -146,13 +147,13 @@ class BakeOptions:
                 f"weighting {self.weighting!r} given; only quantity 'ao' has one, this is {self.quantity!r}"
             )
         turned = not np.array_equal(unit_vector(self.up, "up"), [0.0, 0.0, 1.0])
-        if turned and self.quantity != "sky" and not isinstance(self.ground, str | int | float):
+        if turned and self.quantity != "sky" and not _is_height(self.ground):
             raise InputError("up given; only quantity 'sky' and a ground given by its height have one")
 
     def _check_limits(self) -> None:
         """Before anything is read: any plane may stand for a ground that depends on the scene."""
         plane = self.ground
-        if isinstance(plane, str | int | float):
+        if _is_height(plane):
             if isinstance(plane, str) and plane != "auto":
                 raise InputError(f"ground is {plane!r}; expected a height, 'auto', or a plane's four numbers")
             if not isinstance(plane, str):
@@ -178,12 +179,12 @@ class BakeOptions:
             By the names of `silint.Limits`; empty if there are none.
         """
         ground: Any = self.ground
-        if isinstance(ground, str | int | float):
+        if _is_height(ground):
             up = unit_vector(self.up, "up")
             if ground == "auto":
                 parts = (scene, *occluders)
                 ground = min(float((part.vertices[np.unique(part.faces)] @ up).min()) for part in parts)
-            ground = (*up, -ground)
+            ground = (*up, -float(ground))
         limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, ground)
         low, high = scene.bounds
         found = {name: getattr(limits, name) for name in limits.given}
@@ -212,3 +213,8 @@ class BakeOptions:
         if self.environment is None or isinstance(self.environment, Environment):
             return self
         return replace(self, environment=Environment.from_file(self.environment))
+
+
+def _is_height(ground: Any) -> bool:
+    """Whether a ground is given along `up`, by a number or "auto", and not as a plane."""
+    return isinstance(ground, str | numbers.Real) or (isinstance(ground, np.ndarray) and ground.ndim == 0)
