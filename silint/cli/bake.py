@@ -192,10 +192,13 @@ def _print_summary(summary: dict[str, Any]) -> None:
             print(f"{summary['split_vertices']:,} vertices are new, where faces or groups shared one")
     if "interpolation" in summary:
         told = summary["interpolation"]
-        print(
-            f"computed {told['computed']:,} of {told['points']:,} points; "
-            f"held-back error at most {told['held_back_error']:.2g}"
-        )
+        if told["computed"] == told["distinct"]:
+            print("computed all points: to predict some would have cost more than it spares")
+        else:
+            print(
+                f"computed {told['computed']:,} of {told['points']:,} points; "
+                f"held-back error at most {told['held_back_error']:.2g}"
+            )
     print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
     print_costs(summary)
     print_files(summary["files"])
