@@ -8,12 +8,19 @@ import numpy.typing as npt
 
 from silint import gradients
 from silint.finder import Progress, VisibleFinder
+from silint.limits import refuse_limits
 
 __all__ = ["DerivativeQueries"]
 
+_INSTEAD_OF_LIMITS = "or take differences of ambient_occlusion, which knows them"
+
 
 class DerivativeQueries:
-    """The part of `SilhouetteIntegrator` that differentiates; limits do not apply here."""
+    """The part of `SilhouetteIntegrator` that differentiates.
+
+    What counts is the whole scene: `silint.Limits` may be given as keywords with their defaults alone, and
+    are refused otherwise.
+    """
 
     _finder: VisibleFinder
 
@@ -24,6 +31,7 @@ class DerivativeQueries:
         weighting: str = "cosine",
         full_output: bool = False,
         progress: Progress | None = None,
+        **limits: Any,
     ) -> Any:
         """Exact ambient occlusion, and its derivatives by the points and their normals (docs/exact.md).
 
@@ -33,6 +41,7 @@ class DerivativeQueries:
             ``value`` (n,), ``points`` (n, 3) per unit of length, ``normals`` (n, 3) of the normals as passed.
             NaN at ``uncertified_points``. With `full_output` a tuple of it and the diagnostics.
         """
+        refuse_limits("ambient_occlusion_gradient", limits, _INSTEAD_OF_LIMITS)
         return self.gradient(points, normals, "ambient_occlusion", weighting, 4, full_output, progress)
 
     def gradient(
@@ -44,6 +53,7 @@ class DerivativeQueries:
         max_degree: int = 4,
         full_output: bool = False,
         progress: Progress | None = None,
+        **limits: Any,
     ) -> Any:
         """The same for any quantity that has derivatives: their components come last, (n, C) and (n, 3, C).
 
@@ -56,6 +66,7 @@ class DerivativeQueries:
         max_degree : int
             Of SH transfer.
         """
+        refuse_limits("gradient", limits, _INSTEAD_OF_LIMITS)
         what = gradients.integrand(quantity, weighting, max_degree)
         found = gradients.gradient(self._finder, what, points, normals, progress)
         return found if full_output else found[0]
@@ -70,6 +81,7 @@ class DerivativeQueries:
         max_degree: int = 4,
         full_output: bool = False,
         progress: Progress | None = None,
+        **limits: Any,
     ) -> Any:
         """Derivative of sum(cotangents * value) by the file's vertices, exactly (docs/exact.md).
 
@@ -90,6 +102,7 @@ class DerivativeQueries:
             them together gets the true derivative from the sum. With `full_output` a tuple of it and the
             diagnostics.
         """
+        refuse_limits("pullback", limits, _INSTEAD_OF_LIMITS)
         what = gradients.integrand(quantity, weighting, max_degree)
         found = gradients.pullback(self._finder, what, points, normals, cotangents, progress)
         return found if full_output else found[0]

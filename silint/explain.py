@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from silint.basis import Basis
+from silint.core.caps import UNLIMITED, LineLimits
 from silint.core.integrands.octahedral_sh import table_bytes
 from silint.core.integrands.radial_light import cells_a_line
 from silint.core.integrands.radial_sh import enough_lines
@@ -14,10 +15,11 @@ from silint.core.sh import moment_degree
 from silint.environment import Environment
 from silint.finder import VisibleFinder
 from silint.lighting import table_bytes as harmonic_table_bytes
+from silint.limits import EXACT_LIMITS, LINES_OF_FALLOFF, NO_LIMITS, Limits
 from silint.plan import Part, Plan
 from silint.scene import Scene
 from silint.sh import MAX_DEGREE
-from silint.validation import choice, positive_int
+from silint.validation import InputError, choice, positive_int
 from silint.visibility import WEIGHTINGS
 
 REQUESTS = (
@@ -31,8 +33,10 @@ REQUESTS = (
     "integrate",
 )
 
-# Those that have no closed form along radial isolines.
+# Those that have no closed form along radial isolines, which alone know limits.
 _OCTAHEDRAL = ("visibility", "sh_lighting", "integrate")
+# Fractions of a hemisphere, which may be fractions of a cone.
+_OF_A_CONE = ("ambient_occlusion", "sky_view_factor", "bent_normals")
 
 
 def memory(finder: VisibleFinder) -> dict[str, int]:
@@ -102,9 +106,13 @@ def request_plan(
     max_degree: int | None,
     environment: Environment | None,
     basis: Any,
+    limits: Limits = NO_LIMITS,
 ) -> Plan:
     """What a request needs, with its own defaults for what is None."""
     choice(request, "request", REQUESTS)
+    if limits and request in _OCTAHEDRAL:
+        raise InputError(f"{limits.given[0]} given; {request} knows no limits: leave it out")
+    method = limits.method_for(method, EXACT_LIMITS.get(request, ()), request in _OF_A_CONE)
     if weighting is None:
         weighting = "uniform" if request in ("sh_lighting", "integrate") else "cosine"
     choice(weighting, "weighting", WEIGHTINGS)
@@ -112,12 +120,12 @@ def request_plan(
         max_degree = 2 if request == "sh_lighting" else 4
     degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
     if method == "exact" and request not in ("irradiance", "sh_lighting", "integrate"):
-        return exact_plan(finder, request, weighting, degree)
+        return exact_plan(finder, request, weighting, degree, limits)
     coarse = environment is not None and not environment.suits_radial and request == "irradiance"
     if method == "auto" and coarse:
         method = "octahedral"
     if method != "octahedral" and request not in _OCTAHEDRAL:
-        return radial_plan(finder, request, isolines, weighting, degree, environment)
+        return radial_plan(finder, request, isolines, weighting, degree, environment, limits)
     functions = None if basis is None or request != "integrate" else Basis(basis, weighting)
     return octahedral_plan(finder, request, isolines, weighting, degree, environment, functions)
 
@@ -161,6 +169,7 @@ def octahedral_plan(
             _basis(request, isolines, weighting, basis),
             _harmonics(request, isolines, weighting, max_degree),
             _second_horizon(request),
+            Part("limits", False, "octahedral isolines know none"),
         ),
     )
 
@@ -172,10 +181,17 @@ def radial_plan(
     weighting: str,
     max_degree: int,
     environment: Environment | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> Plan:
     """What a request needs on radial isolines."""
-    cover = finder.cover
+    within = finder.line_limits(limits) if limits else UNLIMITED
+    low, high = finder._box
+    ends_within = limits.falloff == "none" and within.reach >= np.linalg.norm(high - low)
+    near = within.reach < np.inf and not ends_within
+    cover = within.one_sided or (finder._covers(within) if near else finder.cover)
     n_lines = enough_lines(isolines, max_degree if request == "sh_transfer" else 0)
+    if limits.falloff != "none":
+        n_lines *= LINES_OF_FALLOFF
     searches = tuple(
         Part(part.name, False, "covering needs no contours") if cover else part for part in _searches(finder)
     )
@@ -183,6 +199,7 @@ def radial_plan(
     integrand = "n.w" if cosine else "1"
     if request == "sh_transfer":
         integrand = f"harmonics to degree {moment_degree(max_degree, weighting)}"
+    cheaper = "covering costs less here, by counts on a sample of faces"
     return Plan(
         f"{request}, {n_lines} radial isolines",
         (
@@ -190,27 +207,31 @@ def radial_plan(
             Part(
                 "sweep",
                 not cover,
-                "covering costs less here, by counts on a sample of faces"
+                ("single faces have to be told apart" if within.one_sided else cheaper)
                 if cover
                 else f"depth counts on {n_lines} half-planes, one start count at the zenith",
             ),
             Part(
                 "cover",
                 cover,
-                f"faces taken from {n_lines} half-planes, front to back; fewer counts than the sweep's"
+                f"faces taken from {n_lines} half-planes, front to back"
+                + ("" if within.one_sided else "; fewer counts than the sweep's")
                 if cover
                 else "the sweep costs less here; only for points whose counts contradict each other",
             ),
             Part("tables", False, f"the integral of {integrand} along a line has a closed form"),
-            _arcs_instead(request, cover),
+            _arcs_instead(request, cover, limits),
             _rotation(request, max_degree),
             *_cells(request, n_lines, environment),
             _second_horizon(request),
+            *_limits(finder, limits, within, near, cover),
         ),
     )
 
 
-def exact_plan(finder: VisibleFinder, request: str, weighting: str, max_degree: int) -> Plan:
+def exact_plan(
+    finder: VisibleFinder, request: str, weighting: str, max_degree: int, limits: Limits = NO_LIMITS
+) -> Plan:
     """What a request needs in exact mode."""
     if request == "sh_transfer":
         integrand = f"zonal lobes of degrees 0 to {moment_degree(max_degree, weighting)}"
@@ -218,6 +239,15 @@ def exact_plan(finder: VisibleFinder, request: str, weighting: str, max_degree: 
         integrand = {"bent_normals": "(n.w) w", "visibility": "nothing yet"}.get(
             request, "n.w" if weighting == "cosine" or request == "sky_view_factor" else "1"
         )
+    limit = Part("limits", False, "none is given; of all, arcs know a spread or a maximum distance")
+    if "spread" in limits.given:
+        told = "arcs beyond it count by their turn about the normal"
+        limit = Part("spread", True, f"{limits.spread:g} degrees from the normal: {told}; open is 1")
+    elif limits:
+        within = finder.line_limits(limits)
+        reach = float(np.ldexp(within.reach, finder.scene.welding.exponent))
+        told = "edges end there, and small circles bound what is seen where faces leave that ball"
+        limit = Part("max distance", True, f"{reach:g}: {told}")
     return Plan(
         f"{request}, exact",
         (
@@ -227,11 +257,57 @@ def exact_plan(finder: VisibleFinder, request: str, weighting: str, max_degree: 
             Part("isolines", False, "only for points that the second frame does not settle"),
             Part("tables", False, f"the integral of {integrand} along an arc has a closed form"),
             _second_horizon(request),
+            limit,
         ),
     )
 
 
-def _arcs_instead(request: str, cover: bool) -> Part:
+def _limits(
+    finder: VisibleFinder, limits: Limits, within: LineLimits, near: bool, cover: bool
+) -> tuple[Part, ...]:
+    """What limits change, and which are left out."""
+    if not limits:
+        return (Part("limits", False, "none is given: all that a point sees counts"),)
+    reach = float(np.ldexp(within.reach, finder.scene.welding.exponent))
+    if limits.max_distance is None:
+        distance = Part("max distance", False, "surfaces count however far they are")
+    elif near:
+        nearer = "faces and boxes nearer than" if cover else "contour edges that come nearer than"
+        distance = Part("max distance", True, f"{nearer} {reach:g}")
+    else:
+        distance = Part("max distance", False, f"the scene ends within {reach:g} of every point in it")
+    mean = f"a radius of its own for each line, {LINES_OF_FALLOFF} lines an isoline"
+    sphere = "faces that pass through the sphere of the distance; one more jump for each"
+    unneeded = "covering takes of each face what is near" if near else "no distance cuts faces"
+    return (
+        distance,
+        Part("sphere search", near and not cover, sphere if near and not cover else unneeded),
+        Part(
+            "falloff", limits.falloff != "none", mean if limits.falloff != "none" else "what is near blocks"
+        ),
+        Part(
+            "spread",
+            limits.spread < 90.0,
+            f"lines end {limits.spread:g} degrees from the normal; open is 1"
+            if limits.spread < 90.0
+            else "the whole hemisphere counts",
+        ),
+        Part(
+            "backfaces",
+            within.one_sided,
+            "faces seen from their back are passed over" if within.one_sided else "both sides block",
+        ),
+        Part(
+            "ground",
+            limits.ground is not None,
+            "one interval cut from each line, no mesh" if limits.ground is not None else "there is none",
+        ),
+    )
+
+
+def _arcs_instead(request: str, cover: bool, limits: Limits) -> Part:
+    if limits:
+        return Part("arcs", False, "they know a spread or a distance, by method='exact'")
     if request == "irradiance":
         return Part("arcs", False, "light has no closed form along them")
     if cover:

@@ -15,7 +15,7 @@ from silint.environment import Environment
 from silint.evaluate import MAX_ISOLINES, METHODS, Integrand, evaluate
 from silint.explain import memory, request_plan, scene_plan
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
-from silint.limits import NO_LIMITS, Limits
+from silint.limits import EXACT_LIMITS, NO_LIMITS, Limits, refuse_limits
 from silint.plan import Plan
 from silint.scene import as_scene
 from silint.sh import MAX_DEGREE
@@ -137,7 +137,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
                 else arcs_ball.hemisphere_fraction(a, weighting)
             ),
             has_spread=True,
-            exact_limits=("spread", "max_distance"),
+            exact_limits=EXACT_LIMITS["ambient_occlusion"],
         )
         return self._integrate(
             integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
@@ -226,7 +226,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
             radial.bent_normal,
             arcs_ball.bent_normal,
             has_spread=True,
-            exact_limits=("max_distance",),
+            exact_limits=EXACT_LIMITS["bent_normals"],
         )
         return self._integrate(
             integrand, points, normals, isolines, method, tolerance, full_output, progress, limits=limits
@@ -246,6 +246,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         *,
         max_distance: float | str | None = None,
         falloff: str = "none",
+        spread: float = 90.0,
         backfaces: str = "block",
         ground: npt.ArrayLike | None = None,
     ) -> Any:
@@ -265,8 +266,8 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
             (1/pi) int V max(n.w, 0) Y_lm dw, or int V Y_lm dw over the hemisphere of n.
         tolerance : float, optional
             Of the square root of the summed squares of all coefficients' errors, as is the estimate.
-        max_distance, falloff, backfaces, ground
-            See `silint.Limits`.
+        max_distance, falloff, spread, backfaces, ground
+            See `silint.Limits`; a spread below 90 is refused, as these are no fractions of a cone.
 
         Returns
         -------
@@ -274,7 +275,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         """
         choice(weighting, "weighting", WEIGHTINGS)
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
-        limits = Limits(max_distance, falloff, 90.0, backfaces, ground)
+        limits = Limits(max_distance, falloff, spread, backfaces, ground)
         integrand = Integrand(
             ((degree + 1) ** 2,),
             lambda v: octahedral_sh.sh_transfer(
@@ -302,6 +303,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         *,
         max_distance: float | str | None = None,
         falloff: str = "none",
+        spread: float = 90.0,
         backfaces: str = "block",
         ground: npt.ArrayLike | None = None,
     ) -> Any:
@@ -319,8 +321,9 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
             show as bands. "auto" takes radial ones for maps of 256 rows and more.
         tolerance : float, optional
             In units of irradiance, of the channel that needs it most.
-        max_distance, falloff, backfaces, ground
-            See `silint.Limits`: what is too far away, or seen from its back, lets light through.
+        max_distance, falloff, spread, backfaces, ground
+            See `silint.Limits`: what is too far away, or seen from its back, lets light through. A spread
+            below 90 is refused.
 
         Returns
         -------
@@ -333,7 +336,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
                 "(Environment.from_file, .from_array, .constant, ...)"
             )
         choice(method, "method", ("auto", "octahedral", "radial"))
-        limits = Limits(max_distance, falloff, 90.0, backfaces, ground)
+        limits = Limits(max_distance, falloff, spread, backfaces, ground)
         if method == "auto" and not (environment.suits_radial or limits):
             method = "octahedral"
         octahedral = method == "octahedral"
@@ -359,6 +362,7 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         isolines: int | None = None,
         method: str = "octahedral",
         progress: Progress | None = None,
+        **limits: Any,
     ) -> Any:
         """The visible regions themselves, to be integrated as often as wanted.
 
@@ -373,7 +377,13 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         -------
         Visibility, or VisibleArcs
             About 100 bytes an isoline and point; about 90 bytes an arc.
+
+        Raises
+        ------
+        silint.InputError
+            Among others for limits (`silint.Limits`), which are options of single integrals.
         """
+        refuse_limits("visibility", limits, "or ask ambient_occlusion and its like, which know them")
         choice(method, "method", ("auto", "octahedral", "exact"))
         if method == "exact":
             return self._visible_arcs(points, normals, isolines, progress)
@@ -421,6 +431,12 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
         max_degree: int | None = None,
         environment: Environment | None = None,
         basis: Any = None,
+        *,
+        max_distance: float | str | None = None,
+        falloff: str = "none",
+        spread: float = 90.0,
+        backfaces: str = "block",
+        ground: npt.ArrayLike | None = None,
     ) -> Plan:
         """What a request builds and runs beyond the scene's plan, and what it leaves out.
 
@@ -431,10 +447,15 @@ class SilhouetteIntegrator(TabulatedQueries, DerivativeQueries):
             "sh_lighting" or "integrate".
         isolines, weighting, method, max_degree, environment, basis
             As in the request, with its defaults.
+        max_distance, falloff, spread, backfaces, ground
+            See `silint.Limits`: as in the request, which is refused if it knows none.
         """
         choice(method, "method", METHODS)
         k = positive_int(isolines, "isolines", 1, MAX_ISOLINES)
-        return request_plan(self._finder, request, k, weighting, method, max_degree, environment, basis)
+        limits = Limits(max_distance, falloff, spread, backfaces, ground)
+        return request_plan(
+            self._finder, request, k, weighting, method, max_degree, environment, basis, limits
+        )
 
     @property
     def memory(self) -> dict[str, int]:

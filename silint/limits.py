@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,32 @@ import numpy.typing as npt
 
 from silint.validation import InputError, choice, finite_array, positive_number
 
-__all__ = ["BACKFACES", "FALLOFFS", "LEAST_RADIAL_SPREAD", "NO_LIMITS", "Limits"]
+__all__ = [
+    "BACKFACES",
+    "EXACT_LIMITS",
+    "FALLOFFS",
+    "LEAST_RADIAL_SPREAD",
+    "LEAST_SPREAD",
+    "LINES_OF_FALLOFF",
+    "NO_LIMITS",
+    "Limits",
+    "refuse_limits",
+]
 
 FALLOFFS = ("none", "linear", "quadratic")
 BACKFACES = ("block", "ignore")
 
+# Limits that queries know along arcs, one at a time.
+EXACT_LIMITS = {"ambient_occlusion": ("spread", "max_distance"), "bent_normals": ("max_distance",)}
+
 # Radial lines start at an axis 2 degrees off the normal, which a cone has to hold: then all of them enter it.
 LEAST_RADIAL_SPREAD = 4.0
+
+# Below this rounding shows: it is 1e-8 of a fraction here, and grows as spread ** -2.
+LEAST_SPREAD = 1e-3
+
+# Lines for each isoline where surfaces fall off with distance, as each of them takes one radius.
+LINES_OF_FALLOFF = 4
 
 
 @dataclass(frozen=True)
@@ -32,9 +52,9 @@ class Limits:
     falloff : {"none", "linear", "quadratic"}
         How much a surface at the distance d < R blocks: all, 1 - d / R, or 1 - (d / R)^2.
     spread : float
-        Half-angle in degrees, in (0, 90], of a cone about the normal to which the integral is limited. Values
-        are fractions of what the whole cone would give: open is 1 still. Radial isolines take 4 degrees and
-        more, method="exact" any.
+        Half-angle in degrees, 0.001 to 90, of a cone about the normal to which the integral is limited.
+        Values are fractions of what the whole cone would give: open is 1 still. Radial isolines take 4
+        degrees and more, method="exact" all.
     backfaces : {"block", "ignore"}
         Whether faces block that are seen from their back: their vertices, in the file's order, then turn
         clockwise.
@@ -127,9 +147,12 @@ class Limits:
         only_spread = given == ("spread",) and "spread" in exact_limits
         if method == "auto" and only_spread:
             return "exact"
-        better = "; use method='exact'" if only_spread else ""
+        better = "use method='exact'" if only_spread else "take a wider one"
+        others = [name for name in given if name != "spread"]
+        if "spread" in exact_limits and others:
+            better += f", or leave {others[0]} out"
         raise InputError(
-            f"spread is {self.spread:g}; radial isolines need {LEAST_RADIAL_SPREAD:g} to 90 degrees{better}"
+            f"spread is {self.spread:g}; radial isolines need {LEAST_RADIAL_SPREAD:g} to 90 degrees: {better}"
         )
 
     def _require_exact(self, exact_limits: tuple[str, ...]) -> None:
@@ -161,7 +184,7 @@ def _checked_distance(value: Any) -> float | str:
         number = float(text.removesuffix("%"))
     except ValueError:
         number = math.nan
-    if not 0.0 < number < math.inf:
+    if "_" in text or not 0.0 < number < math.inf:  # "1_0" is Python's ten, and elsewhere a slip
         raise InputError(f"max_distance is {value!r}; {expected}")
     return f"{number!r}%" if text.endswith("%") else number
 
@@ -169,10 +192,10 @@ def _checked_distance(value: Any) -> float | str:
 def _checked_spread(value: Any) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if isinstance(value, bool) or not 0.0 < number <= 90.0:
-        raise InputError(f"spread is {value!r}; expected degrees from the normal, above 0, at most 90")
+    if isinstance(value, bool | np.bool_) or not LEAST_SPREAD <= number <= 90.0:
+        raise InputError(f"spread is {value!r}; expected degrees from the normal, {LEAST_SPREAD:g} to 90")
     return number
 
 
@@ -190,3 +213,31 @@ def _checked_ground(value: npt.ArrayLike) -> tuple[float, ...]:
 
 
 NO_LIMITS = Limits()
+
+
+def refuse_limits(query: str, keywords: Mapping[str, Any], instead: str) -> None:
+    """Keywords of a query that knows no limits: those of `Limits` may have their defaults, nothing else.
+
+    Parameters
+    ----------
+    query : str
+        The name of the method.
+    keywords : dict
+        What it was given beyond what it knows.
+    instead : str
+        What serves whoever wants a limit.
+
+    Raises
+    ------
+    InputError
+        A limit is set: one line that says what to do.
+    TypeError
+        A keyword is none of a limit's, as Python has it.
+    """
+    known = {field.name for field in fields(Limits)}
+    for name in keywords:
+        if name not in known:
+            raise TypeError(f"{query}() got an unexpected keyword argument {name!r}")
+    given = Limits(**keywords).given
+    if given:
+        raise InputError(f"{given[0]} given; {query} knows no limits: leave it out, {instead}")

@@ -11,13 +11,19 @@ from silint.basis import Basis
 from silint.environment import Environment
 from silint.evaluate import MAX_ISOLINES, Integrand
 from silint.finder import Progress
+from silint.limits import refuse_limits
 from silint.sh import MAX_DEGREE
 from silint.validation import InputError, choice, positive_int
 from silint.visibility import WEIGHTINGS, check_table
 
+_INSTEAD_OF_LIMITS = "or ask for irradiance or sh_transfer, which know them"
+
 
 class TabulatedQueries:
-    """The part of `SilhouetteIntegrator` whose integrands have no closed form along a line."""
+    """The part of `SilhouetteIntegrator` whose integrands have no closed form along a line.
+
+    Limits (`silint.Limits`) are refused: they are options of radial lines.
+    """
 
     def sh_lighting(
         self,
@@ -31,6 +37,7 @@ class TabulatedQueries:
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        **limits: Any,
     ) -> Any:
         """The light that arrives past the scene, in spherical harmonics [NBMJ14 4].
 
@@ -60,6 +67,7 @@ class TabulatedQueries:
         (n, (L + 1)^2, 3) float64, or Result
             In units of radiance times steradians ("uniform") or of radiance ("cosine").
         """
+        refuse_limits("sh_lighting", limits, _INSTEAD_OF_LIMITS)
         choice(weighting, "weighting", WEIGHTINGS)
         choice(method, "method", ("auto", "octahedral"))
         degree = positive_int(max_degree, "max_degree", 0, MAX_DEGREE)
@@ -92,6 +100,7 @@ class TabulatedQueries:
         tolerance: float | None = None,
         full_output: bool = False,
         progress: Progress | None = None,
+        **limits: Any,
     ) -> Any:
         """Integrals of any functions of direction over what each point sees.
 
@@ -138,6 +147,7 @@ class TabulatedQueries:
         >>> bool(0.0 < lobe[0, 0] < 2.0 * np.pi / 21)
         True
         """
+        refuse_limits("integrate", limits, _INSTEAD_OF_LIMITS)
         choice(weighting, "weighting", WEIGHTINGS)
         choice(method, "method", ("auto", "octahedral"))
         functions = Basis(basis, weighting)

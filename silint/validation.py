@@ -263,9 +263,9 @@ def positive_number(value: Any, name: str) -> float:
     """A finite number above 0, or one line that says what it was."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is {_short(value)}; expected a number above 0") from None
-    if isinstance(value, bool) or not 0.0 < number < float("inf"):
+    if isinstance(value, bool | np.bool_) or not 0.0 < number < float("inf"):
         raise InputError(f"{name} is {_short(value)}; expected a finite number above 0")
     return number
 
@@ -274,9 +274,9 @@ def finite_number(value: Any, name: str) -> float:
     """A finite number, or one line that says what it was."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if isinstance(value, bool) or not math.isfinite(number):
+    if isinstance(value, bool | np.bool_) or not math.isfinite(number):
         raise InputError(f"{name} is {_short(value)}; expected a finite number")
     return number
 

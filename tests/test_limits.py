@@ -263,6 +263,19 @@ def test_lines_and_arcs_agree_in_cones(weighting: str) -> None:
     np.testing.assert_allclose(almost, hemisphere, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("degrees", [0.001, 0.01, 0.3])
+def test_narrow_cones_past_an_edge(degrees: float) -> None:
+    """A chord half a radius off the middle of a disc, which a cone is as it becomes narrow."""
+    x = 0.5 * np.tan(np.radians(degrees))
+    sil = SilhouetteIntegrator(rectangle((x, -9, 1), (0, 18, 0), (9, 0, 0)))
+    found = sil.ambient_occlusion(ORIGIN, UP, spread=degrees, full_output=True)
+    expected = 0.5 + (0.5 * np.sqrt(0.75) + np.arcsin(0.5)) / np.pi
+    # Rounding over spread^2, and the cone's own curvature.
+    error = abs(found.value[0] - expected)
+    assert error < 1e-7 + np.radians(degrees) ** 2
+    assert error < found.error_estimate[0] + np.radians(degrees) ** 2
+
+
 def test_open_cones_are_one_and_closed_ones_zero() -> None:
     sil = ceiling()
     down = -UP
@@ -536,10 +549,13 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"max_distance": np.nan}, "max_distance is nan"),
     ({"max_distance": np.inf}, "max_distance is inf"),
     ({"max_distance": True}, "max_distance is True"),
+    ({"max_distance": np.bool_(True)}, "max_distance is"),
+    ({"max_distance": 10**400}, "max_distance is 1000"),
     ({"max_distance": [1.0]}, "max_distance is [1.0]"),
     ({"max_distance": "abc%"}, "max_distance is 'abc%'; expected a finite number above 0, or percent"),
     ({"max_distance": "5%%"}, "max_distance is '5%%'"),
     ({"max_distance": "%"}, "max_distance is '%'"),
+    ({"max_distance": "1_0"}, "max_distance is '1_0'"),
     ({"max_distance": "0%"}, "max_distance is '0%'"),
     ({"max_distance": "-5%"}, "max_distance is '-5%'"),
     ({"max_distance": "nan%"}, "max_distance is 'nan%'"),
@@ -550,6 +566,8 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ),
     ({"falloff": "linear"}, "falloff is 'linear' without max_distance"),
     ({"spread": 0.0}, "spread is 0.0; expected degrees"),
+    ({"spread": 1e-300}, "spread is 1e-300; expected degrees from the normal, 0.001 to 90"),
+    ({"spread": 10**400}, "spread is 1000"),
     ({"spread": 90.5}, "spread is 90.5"),
     ({"spread": np.nan}, "spread is nan"),
     ({"spread": "wide"}, "spread is 'wide'"),
@@ -575,9 +593,9 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"ground": FLOOR, "method": "exact", "spread": 20.0}, "ground given with method='exact'"),
     (
         {"spread": 3.0, "method": "radial"},
-        "spread is 3; radial isolines need 4 to 90 degrees; use method='exact'",
+        "spread is 3; radial isolines need 4 to 90 degrees: use method='exact'",
     ),
-    ({"spread": 3.0, "ground": FLOOR}, "spread is 3; radial isolines need 4 to 90 degrees"),
+    ({"spread": 3.0, "ground": FLOOR}, "spread is 3; radial isolines need 4 to 90 degrees: take a wider"),
 ]
 
 
@@ -592,9 +610,36 @@ def test_what_a_query_cannot_do_is_refused() -> None:
     for query, known in ((empty().sky_view_factor, "no limits"), (empty().bent_normals, "max_distance")):
         with pytest.raises(InputError, match=rf"spread given with method='exact', which knows {known}"):
             query(ORIGIN, UP, method="exact", spread=20.0)
-    for query in (empty().sh_transfer, empty().ambient_occlusion_gradient):
-        with pytest.raises(TypeError, match="spread"):
-            query(ORIGIN, UP, spread=20.0)
+    with pytest.raises(InputError, match="spread is 20; this query is no fraction of a cone: leave spread"):
+        empty().sh_transfer(ORIGIN, UP, spread=20.0)
+    with pytest.raises(InputError, match="spread is 20"):
+        empty().irradiance(ORIGIN, UP, Environment.constant(1.0), spread=20.0)
+
+
+@pytest.mark.parametrize(
+    ("query", "more", "instead"),
+    [
+        ("ambient_occlusion_gradient", (), "or take differences of ambient_occlusion"),
+        ("gradient", (), "or take differences of ambient_occlusion"),
+        ("pullback", ([1.0],), "or take differences of ambient_occlusion"),
+        ("visibility", (), "or ask ambient_occlusion and its like"),
+        ("integrate", (lambda w: w[:, 2],), "or ask for irradiance or sh_transfer"),
+        ("sh_lighting", (Environment.constant(1.0),), "or ask for irradiance or sh_transfer"),
+    ],
+)
+def test_queries_without_limits_say_so(query: str, more: tuple[Any, ...], instead: str) -> None:
+    ask = getattr(empty(), query)
+    for limits in ({"max_distance": 1.0, "falloff": "linear"}, {"spread": 9}, {"ground": FLOOR}):
+        name = next(iter(limits))
+        with pytest.raises(InputError, match=f"^{name} given; {query} knows no limits: leave it out, ") as e:
+            ask(ORIGIN, UP, *more, **limits)
+        assert instead in str(e.value) and "\n" not in str(e.value)
+    with pytest.raises(InputError, match="spread is 91"):  # a mistake first of all
+        ask(ORIGIN, UP, *more, spread=91)
+    with pytest.raises(TypeError, match=f"{query}.. got an unexpected keyword argument 'spred'"):
+        ask(ORIGIN, UP, *more, spred=30)
+    # Their defaults may be handed on.
+    ask(ORIGIN, UP, *more, max_distance=None, falloff="none", spread=90.0, backfaces="block", ground=None)
 
 
 def test_limits_are_values() -> None:
@@ -607,3 +652,64 @@ def test_limits_are_values() -> None:
     assert Limits().distance(7.0) == np.inf
     with pytest.raises(AttributeError):
         limits.spread = 3.0  # type: ignore[misc]
+
+
+# ------------------------------------------------------------------------------------------------- plans
+
+
+@pytest.mark.parametrize(
+    ("scene", "limits", "built", "told"),
+    [
+        (cluttered, {"max_distance": 0.3}, {"max distance"}, "0.3"),
+        (
+            cluttered,
+            {"max_distance": "40%"},
+            {"max distance", "sphere search"},
+            "contour edges that come nearer",
+        ),
+        (cluttered, {"max_distance": "150%"}, set(), "the scene ends within"),
+        (leaves, {"max_distance": 1.0}, {"max distance"}, "faces and boxes nearer than 1"),
+        (cluttered, {"max_distance": 2.0, "falloff": "linear"}, {"max distance", "falloff"}, "nearer than 2"),
+        (cluttered, {"spread": 30.0}, {"spread"}, "surfaces count however far they are"),
+        (cluttered, {"backfaces": "ignore"}, {"backfaces"}, "surfaces count however far they are"),
+        (cluttered, {"ground": FLOOR}, {"ground"}, "surfaces count however far they are"),
+        (
+            leaves,
+            {"max_distance": 3.0, "spread": 60, "backfaces": "ignore", "ground": FLOOR},
+            {"max distance", "spread", "backfaces", "ground"},
+            "faces and boxes nearer than 3",
+        ),
+    ],
+)
+@pytest.mark.parametrize("query", ["ambient_occlusion", "bent_normals"])
+def test_what_is_explained_is_done(
+    scene: Any, limits: dict[str, Any], built: set[str], told: str, query: str
+) -> None:
+    sil = scene()
+    parts = sil.explain(query, 16, **limits).as_dict()
+    names = {"max distance", "sphere search", "falloff", "spread", "backfaces", "ground"}
+    assert {name for name in names if parts[name]["built"]} - {"sphere search"} == built - {"sphere search"}
+    assert told in parts["max distance"]["reason"]
+    p, n = rows(sil, 12)
+    done = getattr(sil, query)(p, n, 16, full_output=True, **limits).diagnostics
+    assert parts["cover"]["built"] != parts["sweep"]["built"]
+    assert done["covered_points" if parts["cover"]["built"] else "swept_points"] == len(p)
+    assert str(sil.explain(query, 16, **limits)).startswith(f"{query}, {done['isolines']} radial isolines")
+    assert parts["sphere search"]["built"] == (parts["sweep"]["built"] and "max distance" in built)
+
+
+def test_plans_without_limits_leave_them_out() -> None:
+    for options in ({}, {"method": "octahedral"}, {"method": "exact"}):
+        part = cluttered().explain("ambient_occlusion", **options).as_dict()["limits"]
+        assert not part["built"]
+    # A narrow cone takes arcs, as the query does.
+    narrow = cluttered().explain("ambient_occlusion", spread=2.0)
+    assert narrow.title == "ambient_occlusion, exact" and narrow.as_dict()["spread"]["built"]
+    with pytest.raises(InputError, match="spread is 2; radial isolines need"):
+        cluttered().explain("bent_normals", spread=2.0)
+    with pytest.raises(InputError, match="spread is 9; this query is no fraction"):
+        cluttered().explain("irradiance", spread=9.0)
+    with pytest.raises(InputError, match="ground given; visibility knows no limits: leave it out"):
+        cluttered().explain("visibility", ground=FLOOR)
+    with pytest.raises(InputError, match="max_distance is 0"):
+        cluttered().explain("visibility", max_distance=0)

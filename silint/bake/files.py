@@ -26,7 +26,7 @@ __all__ = ["bake", "bake_scene", "check_unread", "load_and_build", "peak_memory"
 _MEANINGS = {
     "ao": "ambient occlusion: visible fraction of the hemisphere; 1 = open, 0 = closed",
     "sky": "sky view factor: (1/pi) int V max(n.w,0) [up.w > 0] dw; 1 = open and level, 0 = closed",
-    "bent": "bent normal: (1/pi) int V max(n.w,0) w dw; its length says how open (2/3 = fully)",
+    "bent": "bent normal: (1/pi) int V max(n.w,0) w dw; its length says how open",
     "irradiance": "int L V max(n.w,0) dw, linear Rec. 709: radiance of the environment times steradians",
 }
 _TWO_SIDED = "; mean of both sides, of n and -n"
@@ -68,7 +68,7 @@ def bake(
     """
     asked = BakeOptions(quantity, per, **options)
     check_output(output)
-    check_unread(output, mesh_path, asked.occluders)
+    check_unread(output, mesh_path, asked.occluders, environment=asked.environment)
     from silint.scene import load_scene
 
     asked = asked.with_light()
@@ -97,6 +97,7 @@ def bake(
         "mean": float(told.mean()),
         "min": float(told.min()),
         "max": float(told.max()),
+        "open": asked.open_value,
         "files": [{"path": os.fspath(output), "bytes": os.path.getsize(output)}],
         "seconds": {
             "load": loaded - began,
@@ -162,7 +163,7 @@ def _bake(
     metadata = {
         "software": f"silint {__version__}",
         "quantity": asked.quantity,
-        "meaning": _MEANINGS[asked.quantity] + (_TWO_SIDED if asked.two_sided else ""),
+        "meaning": _meaning(asked),
         "per": asked.per,
         "isolines": integrals.diagnostics["isolines"],
         **({"tolerance": asked.tolerance} if asked.tolerance is not None else {}),
@@ -191,6 +192,13 @@ def _bake(
     return baked, found, integrals, loaded
 
 
+def _meaning(asked: BakeOptions) -> str:
+    told = _MEANINGS[asked.quantity]
+    if asked.quantity == "bent" and asked.open_value is not None:
+        told += f" ({asked.open_value:.4g} = fully)"
+    return told + (_TWO_SIDED if asked.two_sided else "")
+
+
 def load_and_build(mesh_path: str | os.PathLike[str]) -> tuple[SilhouetteIntegrator, dict[str, float]]:
     """An integrator for a mesh file, and the seconds that it took, by step."""
     from silint.integrator import SilhouetteIntegrator
@@ -214,13 +222,29 @@ def peak_memory() -> int | None:
 
 
 def check_unread(
-    output: str | os.PathLike[str], mesh_path: str | os.PathLike[str], occluders: Iterable[Any] = ()
+    output: str | os.PathLike[str],
+    mesh_path: str | os.PathLike[str],
+    occluders: Iterable[Any] = (),
+    **others: Any,
 ) -> None:
-    """Make sure that the result replaces none of the files that it is made from."""
+    """Make sure that the result replaces none of the files that it is made from.
+
+    Parameters
+    ----------
+    output, mesh_path : path
+    occluders : iterable
+        Those that are paths are looked at.
+    **others
+        Other files by the names of their options, if they are paths.
+    """
+    told = "; give the result another name"
     if same_file(mesh_path, output):
-        raise InputError(f"{output}: is the mesh itself; give the result another name")
+        raise InputError(f"{output}: is the mesh itself{told}")
     if any(same_file(occluder, output) for occluder in occluders):
-        raise InputError(f"{output}: is one of the occluders; give the result another name")
+        raise InputError(f"{output}: is one of the occluders{told}")
+    for name, path in others.items():
+        if same_file(path, output):
+            raise InputError(f"{output}: is the {name.replace('_', ' ')}{told}")
 
 
 def same_file(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:

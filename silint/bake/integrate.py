@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,6 +20,12 @@ from silint.scene import Scene
 __all__ = ["Integrals", "blocking_scene", "integrate"]
 
 FloatArray = npt.NDArray[np.float64]
+
+# What it costs a thread to find what a point sees, in seconds for each of what is counted, by way. All of a
+# point takes two to four times that, by measurements on seven scenes of 6k to 871k triangles.
+_SWEPT = {"edges_tested": 6e-9, "contour_edges": 40e-9, "crossings": 52e-9}
+_COVERED = {"nodes_visited": 59e-9, "edges_tested": 27e-9, "crossings": 30e-9}
+_EXACT = 4.0  # times a sweep's
 
 _BOUNDS = {"ao": (0.0, 1.0), "sky": (0.0, 1.0), "irradiance": (0.0, np.inf)}
 
@@ -91,16 +97,19 @@ def integrate(
             )
         else:
             assert sites.surfaces is not None
+            own: dict[str, int] = {}
             found = interpolate(
-                partial(_of_sides, query, asked.two_sided, counts=counts),
+                partial(_of_sides, query, asked.two_sided, counts=own),
                 sites.points[rows],
                 sites.normals[rows],
                 asked.interpolate,
                 surfaces=sites.surfaces[rows],
                 bounds=_BOUNDS.get(asked.quantity),
                 progress=shared,
+                cost=partial(_seconds_a_site, own, 2 if asked.two_sided else 1),
             )
             value[rows] = found.value
+            _count(counts, own)
             told.append(found)
         done += len(rows)
     return Integrals(value, counts, build_seconds, _summary(told) if asked.interpolate is not None else None)
@@ -120,12 +129,28 @@ def _of_sides(
     for side in sides:
         result = query(points, side * normals, progress=_side(progress, len(found), len(sides)))
         found.append(result.value)
-        if counts:
-            add_counts(counts, result.diagnostics)
-        else:
-            counts.update(result.diagnostics)
+        _count(counts, result.diagnostics)
     mean: FloatArray = found[0] if len(found) == 1 else 0.5 * (found[0] + found[1])
     return mean
+
+
+def _count(counts: dict[str, int], more: Mapping[str, int]) -> None:
+    if counts:
+        add_counts(counts, more)
+    else:
+        counts.update(more)
+
+
+def _seconds_a_site(counts: Mapping[str, int], sides: int) -> float:
+    """What a site costs a thread, about, from what was counted for some: the same on any machine."""
+    points = max(counts["points"], 1)
+    covered, exact = counts["covered_points"] / points, counts["exact_points"] / points
+
+    def seconds(costs: Mapping[str, float]) -> float:
+        return sum(cost * counts[name] for name, cost in costs.items()) / points
+
+    swept = seconds(_SWEPT) * (1.0 + (_EXACT - 1.0) * exact)
+    return sides * (covered * seconds(_COVERED) + (1.0 - covered) * swept)
 
 
 def _summary(found: Sequence[Interpolated]) -> dict[str, Any]:

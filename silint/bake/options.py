@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from silint.limits import Limits
+from silint.limits import EXACT_LIMITS, Limits
 from silint.validation import (
     InputError,
     choice,
@@ -31,8 +32,7 @@ PER = ("vertex", "face")
 WEIGHTINGS = ("cosine", "uniform")
 NORMALS = ("auto", "file", "smooth", "flat")
 
-# Limits that quantities know with method "exact".
-_EXACT_LIMITS = {"ao": ("spread", "max_distance"), "bent": ("max_distance",)}
+_QUERIES = {"ao": "ambient_occlusion", "bent": "bent_normals"}  # that know limits with method "exact"
 
 Progress = Callable[[int, int], None]
 
@@ -149,13 +149,13 @@ class BakeOptions:
                 f"weighting {self.weighting!r} given; only quantity 'ao' has one, this is {self.quantity!r}"
             )
         turned = not np.array_equal(unit_vector(self.up, "up"), [0.0, 0.0, 1.0])
-        if turned and self.quantity != "sky" and not isinstance(self.ground, str | int | float):
+        if turned and self.quantity != "sky" and not _is_height(self.ground):
             raise InputError("up given; only quantity 'sky' and a ground given by its height have one")
 
     def _check_limits(self) -> None:
         """Before anything is read: any plane may stand for a ground that depends on the scene."""
         plane = self.ground
-        if isinstance(plane, str | int | float):
+        if _is_height(plane):
             if isinstance(plane, str) and plane != "auto":
                 raise InputError(f"ground is {plane!r}; expected a height, 'auto', or a plane's four numbers")
             if not isinstance(plane, str):
@@ -164,7 +164,7 @@ class BakeOptions:
         limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, plane)
         if self.quantity == "irradiance" and limits.spread < 90.0:
             raise InputError(f"spread is {limits.spread:g}; quantity 'irradiance' has none: leave it out")
-        limits.method_for(self.method, _EXACT_LIMITS.get(self.quantity, ()), has_spread=True)
+        limits.method_for(self.method, EXACT_LIMITS.get(_QUERIES.get(self.quantity, ""), ()), has_spread=True)
 
     def limits(self, scene: Scene, occluders: Sequence[Scene]) -> dict[str, Any]:
         """The limits that are given, as queries take them, in the unit of the scene.
@@ -181,12 +181,12 @@ class BakeOptions:
             By the names of `silint.Limits`; empty if there are none.
         """
         ground: Any = self.ground
-        if isinstance(ground, str | int | float):
+        if _is_height(ground):
             up = unit_vector(self.up, "up")
             if ground == "auto":
                 parts = (scene, *occluders)
                 ground = min(float((part.vertices[np.unique(part.faces)] @ up).min()) for part in parts)
-            ground = (*up, -ground)
+            ground = (*up, -float(ground))
         limits = Limits(self.max_distance, self.falloff, self.spread, self.backfaces, ground)
         low, high = scene.bounds
         found = {name: getattr(limits, name) for name in limits.given}
@@ -195,6 +195,19 @@ class BakeOptions:
             found["falloff"] = limits.falloff
         return found
 
+    @property
+    def open_value(self) -> float | None:
+        """What a point has that sees everything (of bent normals: their length), if that is one number.
+
+        Within a spread S a bent normal is int n.w w dw over the cone, over int n.w dw = pi sin^2 S.
+        """
+        if self.quantity in ("ao", "sky"):
+            return 1.0
+        if self.quantity == "irradiance" or self.two_sided:  # of which open sides cancel
+            return None
+        c = Limits(spread=self.spread).cone
+        return 2.0 / 3.0 * (1.0 + c + c * c) / (1.0 + c)
+
     def with_light(self) -> BakeOptions:
         """The same, with the environment read if it is the name of a file."""
         from silint.environment import Environment
@@ -202,3 +215,8 @@ class BakeOptions:
         if self.environment is None or isinstance(self.environment, Environment):
             return self
         return replace(self, environment=Environment.from_file(self.environment))
+
+
+def _is_height(ground: Any) -> bool:
+    """Whether a ground is given along `up`, by a number or "auto", and not as a plane."""
+    return isinstance(ground, str | numbers.Real) or (isinstance(ground, np.ndarray) and ground.ndim == 0)

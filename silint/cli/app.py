@@ -103,7 +103,7 @@ def _stop_at_ctrl_c() -> None:
         while receiver.recv(1)[0] != signal.SIGINT:
             pass
         if "silint.io" in sys.modules:
-            from silint.io.write import discard_unfinished
+            from silint.io.unfinished import discard_unfinished
 
             discard_unfinished()
         # Progress bars hide the cursor; and the shell's prompt belongs on a line of its own.

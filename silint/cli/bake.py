@@ -20,6 +20,7 @@ __all__ = ["bake_command"]
 
 # Options that do nothing in some of the kinds of bake, and are refused there.
 _OF_TEXTURES = ("uv", "padding", "normal_map", "space", "green", "samples", "depth")
+_OF_MAPS = ("envmap_up", "envmap_rotate")
 _OF_VERTICES = ("per",)
 _NOT_OF_SH = (
     *("tolerance", "up", "envmap", "envmap_up", "envmap_rotate", "texture", "normals", "two_sided"),
@@ -111,6 +112,8 @@ def bake_command(
         _refuse(context, _OF_TEXTURES, "needs --texture N")
     else:
         _refuse(context, _OF_VERTICES, "is not for --texture")
+    if envmap is None:
+        _refuse(context, _OF_MAPS, "needs --envmap MAP")
     if quantity == "sh":
         from silint.cli.prt import prt_command
 
@@ -119,6 +122,7 @@ def bake_command(
             mesh, output, per=per, isolines=isolines, method=method, weighting=weighting, as_json=as_json
         )
         return
+    _check_named(quantity, envmap_up, envmap_rotate, texture)
     shared: dict[str, Any] = {
         "isolines": isolines,
         "method": method,
@@ -141,6 +145,9 @@ def bake_command(
         from silint.environment import Environment
 
         if envmap is not None:
+            from silint.bake import check_unread
+
+            check_unread(output, mesh, envmap=envmap)
             shared["environment"] = Environment.from_file(envmap, envmap_up, envmap_rotate)
         shared["progress"] = stage(bar, "baking")
         if texture is None:
@@ -174,9 +181,12 @@ def _print_summary(summary: dict[str, Any]) -> None:
     quantity, per = summary["quantity"], summary.get("per", "texel")
     sites = {"vertex": "vertices", "face": "faces", "texel": "texels"}[per]
     n_sites = summary["texels"]["covered"] if per == "texel" else summary["n_points"]
-    meaning = "luminance of radiance x sr" if quantity == "irradiance" else "1 is open, 0 is closed"
+    meaning = "luminance of radiance x sr" if quantity == "irradiance" else "0 is closed"
+    if summary["open"] is not None:
+        meaning = f"{summary['open']:.4g} is open, {meaning}"
+    told = "length of bent" if quantity == "bent" else quantity
     print(
-        f"{quantity} at {n_sites:,} {sites}: mean {summary['mean']:.4f}, "
+        f"{told} at {n_sites:,} {sites}: mean {summary['mean']:.4f}, "
         f"from {summary['min']:.4f} to {summary['max']:.4f}; {meaning}"
     )
     if per == "texel":
@@ -191,10 +201,13 @@ def _print_summary(summary: dict[str, Any]) -> None:
             print(f"{summary['split_vertices']:,} vertices are new, where faces or groups shared one")
     if "interpolation" in summary:
         told = summary["interpolation"]
-        print(
-            f"computed {told['computed']:,} of {told['points']:,} points; "
-            f"held-back error at most {told['held_back_error']:.2g}"
-        )
+        if told["computed"] == told["distinct"]:
+            print("computed all points: to predict some would have cost more than it spares")
+        else:
+            print(
+                f"computed {told['computed']:,} of {told['points']:,} points; "
+                f"held-back error at most {told['held_back_error']:.2g}"
+            )
     print_notes(summary["diagnostics"], "points' two sides" if summary.get("two_sided") else "points")
     print_costs(summary)
     print_files(summary["files"])
@@ -239,6 +252,19 @@ def _print_texture_notes(summary: dict[str, Any]) -> None:
             f"across seams at most {seams['largest_jump_before']:.1e} apart, "
             f"after they were made to agree {seams['largest_jump_after']:.1e}"
         )
+
+
+def _check_named(quantity: str, envmap_up: str, envmap_rotate: float, texture: int | None) -> None:
+    """What is checked again by others, who call it something else or know less of it."""
+    from silint.bake import QUANTITIES
+    from silint.texture.bake import MAX_SIZE
+    from silint.validation import choice, finite_number, positive_int
+
+    choice(quantity, "quantity", (*QUANTITIES, "sh"))
+    choice(envmap_up, "envmap_up", ("y", "z"))
+    finite_number(envmap_rotate, "envmap_rotate")
+    if texture is not None:
+        positive_int(texture, "texture", maximum=MAX_SIZE)
 
 
 def _number(text: str | None) -> float | str | None:

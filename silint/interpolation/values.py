@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ class Interpolated(NamedTuple):
     the anchors that all other predictions use; 0 where nothing was predicted."""
     diagnostics: dict[str, int]
     """``points``; ``distinct``, without those that repeat place and normal; ``computed`` of these;
-    ``held_back`` of the computed; ``rounds``."""
+    ``held_back`` of the computed; ``rounds``, 0 where predicting would not have paid."""
 
 
 def interpolate(
@@ -42,6 +43,7 @@ def interpolate(
     surfaces: npt.ArrayLike | None = None,
     bounds: tuple[float, float] | None = None,
     progress: Progress | None = None,
+    cost: Callable[[], float] | None = None,
 ) -> Interpolated:
     """Values of a query at points of a surface, most of them predicted from some that are computed.
 
@@ -63,6 +65,10 @@ def interpolate(
         Between which all values are; predictions beyond are moved there.
     progress : callable, optional
         Called with the numbers of points settled and in all.
+    cost : callable, optional
+        Seconds of one thread that a point of the query takes, about; asked for when some have been computed.
+        Where predicting would cost more than it spares, all points are computed then. It must depend on
+        nothing but the points, for values to do so. By default as few points are computed as will do.
 
     Returns
     -------
@@ -89,7 +95,7 @@ def interpolate(
         if progress is not None:
             progress(done * len(p) // n, len(p))
 
-    work = Refinement(query, p[distinct], n[distinct], in_order(label[distinct]), limit, bounds, report)
+    work = Refinement(query, p[distinct], n[distinct], in_order(label[distinct]), limit, bounds, report, cost)
     work.run()
     counts = {
         "points": len(p),

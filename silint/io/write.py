@@ -20,7 +20,6 @@ error nor Ctrl-C leaves half a file, and an older result stays until the new one
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
@@ -34,6 +33,7 @@ import numpy.typing as npt
 
 from silint.io.glb import glb_bytes, glb_values
 from silint.io.ply import Field, ply_bytes, position_type
+from silint.io.unfinished import discarded_if_cut_off
 from silint.validation import InputError
 
 __all__ = [
@@ -42,7 +42,6 @@ __all__ = [
     "TONE_CURVE",
     "Baked",
     "check_output",
-    "discard_unfinished",
     "read_values",
     "write_baked",
     "write_bytes",
@@ -55,9 +54,6 @@ OUTPUT_SUFFIXES = (".npz", ".ply", ".glb")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # How irradiance becomes a colour: 63 % of white at the mean.
 TONE_CURVE = "1 - exp(-value / m) with m the mean luminance of all values, linear"
-
-# Temporary files being written, for `discard_unfinished`.
-_unfinished: set[Path] = set()
 
 
 class Baked(NamedTuple):
@@ -164,32 +160,27 @@ def write_together(contents: Sequence[tuple[str | os.PathLike[str], bytes]]) -> 
     """
     moves: list[tuple[Path, Path]] = []
     path: str | os.PathLike[str] = ""
-    try:
+
+    def discard() -> None:
+        for temporary, _ in moves:
+            temporary.unlink(missing_ok=True)
+
+    with discarded_if_cut_off(discard):
         try:
             for path, data in contents:
                 target = Path(os.path.realpath(path))
                 temporary = _temporary_name(target)
                 moves.append((temporary, target))
-                _unfinished.add(temporary)
                 with temporary.open("xb") as stream:
                     stream.write(data)
             for (temporary, target), (path, _) in zip(moves, contents, strict=True):  # noqa: B007
                 os.replace(temporary, target)
+        except OSError as error:
+            discard()
+            raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
         except BaseException:  # Ctrl-C too
-            for temporary, _ in moves:
-                temporary.unlink(missing_ok=True)
+            discard()
             raise
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        _unfinished.difference_update(temporary for temporary, _ in moves)
-
-
-def discard_unfinished() -> None:
-    """Remove the temporary files of writes under way, for a process that is about to be cut off."""
-    for temporary in list(_unfinished):
-        with contextlib.suppress(OSError):
-            temporary.unlink()
 
 
 def write_baked(path: str | os.PathLike[str], baked: Baked) -> None:

@@ -143,7 +143,7 @@ def bake_texture(
     if depth != 8 and target.suffix.lower() != ".png":
         raise InputError(f"depth is {depth}; only .png has a choice, {target.suffix} has not")
     check_packages(target.suffix.lower())
-    check_unread(output, mesh_path, asked.occluders)
+    check_unread(output, mesh_path, asked.occluders, environment=environment, normal_map=normal_map)
     bumps = None if normal_map is None else read_normal_map(normal_map, green)
     asked = asked.with_light()
 
@@ -252,6 +252,7 @@ def bake_texture(
         "mean": float(told.mean()),
         "min": float(told.min()),
         "max": float(told.max()),
+        "open": asked.open_value,
         "files": [{"path": os.fspath(output), "bytes": target.stat().st_size}],
         "seconds": dict(zip(steps, np.diff(times).tolist(), strict=True)),
         "peak_memory_bytes": peak_memory(),

@@ -20,6 +20,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +32,7 @@ import numpy.typing as npt
 from silint.io import LUMINANCE, write_bytes
 from silint.io.glb import glb_bytes
 from silint.io.png import png16_bytes
+from silint.io.unfinished import discarded_if_cut_off
 from silint.validation import InputError
 
 __all__ = ["DEPTHS", "SUFFIXES", "Corners", "check_packages", "picture", "write_texture"]
@@ -167,7 +169,10 @@ def _exr_bytes(values: FloatArray, coverage: npt.NDArray[np.bool_], metadata: di
         "silint": json.dumps(metadata),
     }
     # The package writes to paths only.
-    with tempfile.TemporaryDirectory(prefix="silint-exr-") as folder:
+    with (
+        tempfile.TemporaryDirectory(prefix="silint-exr-") as folder,
+        discarded_if_cut_off(lambda: shutil.rmtree(folder, ignore_errors=True)),
+    ):
         path = os.path.join(folder, "texture.exr")
         with OpenEXR.File(header, channels) as file:
             file.write(path)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from silint.io.unfinished import discarded_if_cut_off
 from silint.validation import InputError
 
 __all__ = ["repack", "unwrap"]
@@ -102,13 +104,12 @@ def _by_xatlas(arrays: dict[str, npt.NDArray[Any]], faces: npt.NDArray[np.int64]
             **arrays,  # type: ignore[arg-type]  # the stubs take them for savez's own options
         )
         worker = Path(__file__).with_name("xatlas_worker.py")
-        done = subprocess.run(
-            [sys.executable, str(worker), source, target], capture_output=True, text=True, errors="replace"
-        )
-        if done.returncode != 0 or not os.path.exists(target):
-            lines = done.stderr.strip().splitlines()
-            signal = f"signal {-done.returncode}" if done.returncode < 0 else f"code {done.returncode}"
-            reason = lines[-1][:80] if lines and done.returncode > 0 else signal
+        with discarded_if_cut_off(lambda: shutil.rmtree(folder, ignore_errors=True)):
+            code, told = _run([sys.executable, str(worker), source, target])
+        if code != 0 or not os.path.exists(target):
+            lines = told.strip().splitlines()
+            signal = f"signal {-code}" if code < 0 else f"code {code}"
+            reason = lines[-1][:80] if lines and code > 0 else signal
             raise InputError(f"xatlas could not unwrap the mesh ({reason}); bring texture coordinates")
         with np.load(target) as data:
             corners, uvs, extent = data["faces"], data["uvs"].astype(np.float64), data["extent"]
@@ -121,3 +122,27 @@ def _by_xatlas(arrays: dict[str, npt.NDArray[Any]], faces: npt.NDArray[np.int64]
     placed = uvs * (extent / extent.max())
     out: FloatArray = np.clip(placed[corners], 0.0, 1.0)
     return out
+
+
+def _run(command: list[str]) -> tuple[int, str]:
+    """Exit code of a program and what it wrote to stderr; it goes when this process is cut off."""
+    cut_off = False
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace"
+    ) as process:
+
+        def discard() -> None:
+            nonlocal cut_off
+            cut_off = True
+            process.kill()
+
+        try:
+            with discarded_if_cut_off(discard):
+                _, told = process.communicate()
+        except BaseException:  # Ctrl-C in a program that uses silint
+            process.kill()
+            raise
+    if cut_off:
+        # Not a failure of xatlas, which would be told as one while the process ends.
+        raise KeyboardInterrupt
+    return process.returncode, told

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+import silint.bake.integrate as integrate
 from silint import cli
 from silint.bake import bake, bake_scene
 from silint.io import read_values
@@ -18,6 +19,12 @@ from silint.validation import InputError
 from tests.texture.shapes import box, obj_text
 
 TOLERANCE = 0.02
+
+
+@pytest.fixture
+def dear(monkeypatch):
+    """Points that take so long that predicting always pays."""
+    monkeypatch.setattr(integrate, "_seconds_a_site", lambda counts, sides: 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +56,7 @@ def mesh(tmp_path_factory):
     ],
     ids=lambda options: "-".join(map(str, options.values())),
 )
-def test_vertices_and_faces(mesh, options):
+def test_vertices_and_faces(mesh, dear, options):
     scene = load_scene(mesh)
     full, *_ = bake_scene(scene, isolines=16, **options)
     told = []
@@ -63,7 +70,7 @@ def test_vertices_and_faces(mesh, options):
     assert told[-1][0] == told[-1][1]
 
 
-def test_summary_tells_what_was_computed(mesh, tmp_path):
+def test_summary_tells_what_was_computed(mesh, tmp_path, dear):
     summary = bake(mesh, tmp_path / "out.npz", isolines=16, interpolate=TOLERANCE)
     told = summary["interpolation"]
     assert told["points"] == summary["n_points"] == 48 * 48 + 42
@@ -73,7 +80,7 @@ def test_summary_tells_what_was_computed(mesh, tmp_path):
     assert "interpolation" not in bake(mesh, tmp_path / "out.npz", isolines=16)
 
 
-def test_texture(mesh, tmp_path):
+def test_texture(mesh, tmp_path, dear):
     path = tmp_path / "box.obj"
     vertices, faces, uvs = box()
     path.write_text(obj_text(vertices, faces, uvs))
@@ -95,7 +102,7 @@ def test_tolerance_is_checked_before_anything_is_read(value):
         bake_texture("nowhere.obj", "out.png", 16, interpolate=value)
 
 
-def test_command_line(mesh, tmp_path, capfd, monkeypatch):
+def test_command_line(mesh, tmp_path, capfd, monkeypatch, dear):
     monkeypatch.chdir(tmp_path)
     command = ["bake", str(mesh), "-o", "out.npz", "--isolines", "16"]
     assert cli.run([*command, "--interpolate", "0.02"]) == 0
@@ -109,3 +116,40 @@ def test_command_line(mesh, tmp_path, capfd, monkeypatch):
     assert capfd.readouterr().err == "silint: error: interpolate is 0.0; expected a finite number above 0\n"
     assert cli.run([*command[:3], "out.npz", "--quantity", "sh", "--interpolate", "0.1"]) == 2
     assert "--interpolate is not for quantity 'sh'" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("options", [{}, {"self_only": True}, {"two_sided": True}], ids=str)
+def test_cheap_points_are_computed(mesh, options):
+    """A floor below a ball costs some microseconds a point, fewer than a prediction."""
+    scene = load_scene(mesh)
+    full, _, plain = bake_scene(scene, isolines=8, **options)
+    found, _, counts = bake_scene(scene, isolines=8, interpolate=TOLERANCE, **options)
+    assert np.array_equal(found.value, full.value)
+    assert counts["points"] == plain["points"]
+
+
+def test_the_command_line_says_that_it_did_not_pay(mesh, tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["bake", str(mesh), "-o", "out.npz", "--isolines", "8", "--interpolate", "0.02"]) == 0
+    assert "computed all points: to predict some would have cost more" in capfd.readouterr().out
+
+
+def test_costs_are_those_of_the_way_that_points_are_served():
+    counts = {
+        "points": 4,
+        "covered_points": 0,
+        "exact_points": 0,
+        "nodes_visited": 8,
+        "edges_tested": 4000,
+        "contour_edges": 400,
+        "crossings": 40,
+    }
+    swept = (1000 * 6 + 100 * 40 + 10 * 52) * 1e-9
+    assert integrate._seconds_a_site(counts, 1) == pytest.approx(swept)
+    assert integrate._seconds_a_site(counts, 2) == pytest.approx(2 * swept)
+    assert integrate._seconds_a_site(counts | {"exact_points": 4}, 1) == pytest.approx(4 * swept)
+    covered = (2 * 59 + 1000 * 27 + 10 * 30) * 1e-9
+    assert integrate._seconds_a_site(counts | {"covered_points": 4}, 1) == pytest.approx(covered)
+    half = integrate._seconds_a_site(counts | {"covered_points": 2}, 1)
+    assert half == pytest.approx(0.5 * (swept + covered))
+    assert integrate._seconds_a_site(dict.fromkeys(counts, 0), 1) == 0.0

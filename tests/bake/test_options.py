@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -339,6 +340,8 @@ def test_ground(here):
     np.testing.assert_allclose(wall(ground="auto"), 0.5, atol=LINES)
     np.testing.assert_allclose(wall(ground=0), [0.0] * 3 + [0.5] * 6, atol=LINES)
     np.testing.assert_allclose(wall(ground=(0, 0, 2, 0)), [0.0] * 3 + [0.5] * 6, atol=LINES)
+    for height in (np.float32(0.25), np.uint8(1), np.array(0.25), Fraction(1, 4)):
+        np.testing.assert_array_equal(wall(ground=height), wall(ground=float(height)))
     # Along another axis, and below everything that there is.
     np.testing.assert_allclose(wall(ground=0, up=(0, 1, 0)), [0.0, 0.5, 0.5] * 3, atol=LINES)
     (here / "deep.obj").write_text("v 5 0 -.7\nv 6 0 -.7\nv 5 1 -.7\nf 1 2 3\n")

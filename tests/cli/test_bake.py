@@ -242,6 +242,20 @@ def test_the_summary_tells_what_happened_in_plain_words(here, capfd):
     assert "4 vertices are new, where faces or groups shared one" in capfd.readouterr()[0]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), r"length of bent at 4 vertices: mean 0\.6667, .*; 0\.6667 is open, 0 is closed"),
+        # 2/3 (1 - cos^3 60) / sin^2 60
+        (("--spread", "60"), r"length of bent at 4 vertices: mean 0\.7778, .*; 0\.7778 is open, 0 is closed"),
+        (("--two-sided",), r"length of bent at 4 vertices: mean 0\.0000, .*; 0 is closed"),
+    ],
+)
+def test_the_summary_of_bent_normals_says_how_long_open_ones_are(here, capfd, arguments, told):
+    assert cli.run(["bake", "floor.obj", "-o", "out.npz", "--quantity", "bent", *arguments]) == 0
+    assert re.fullmatch(told, capfd.readouterr()[0].splitlines()[0])
+
+
 def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
     from rich.console import Console
 
@@ -265,7 +279,15 @@ def test_progress_shows_rate_and_time_left(capfd, monkeypatch):
         (("box.ply", "--group", "wall"), "box.ply: has no groups"),
         (("both.obj", "--occluder", "none.obj"), "none.obj: no such file"),
         (("both.obj", "--normals", "file"), "both.obj: has no normals of its own"),
-        (("both.obj", "--texture", "0"), "size is 0"),
+        (("both.obj", "--texture", "0"), "texture is 0; expected an integer, 1 to 8192"),
+        (("both.obj", "--quantity", "shine"), "'irradiance', 'sh'"),
+        (("both.obj", "--envmap-up", "z"), "--envmap-up needs --envmap MAP"),
+        (("both.obj", "--envmap-rotate", "5"), "--envmap-rotate needs --envmap MAP"),
+        (("both.obj", "--quantity", "sh", "--envmap-up", "z"), "--envmap-up"),
+        (("both.obj", "--envmap", "map.hdr", "--envmap-up", "x"), "envmap_up is 'x'; expected"),
+        (("both.obj", "--envmap", "map.hdr", "--envmap-rotate", "nan"), "envmap_rotate is nan"),
+        (("both.obj", "--max-distance", "1_0"), "max_distance is '1_0'"),
+        (("both.obj", "--spread", "3", "--ground", "0"), "take a wider one, or leave ground out"),
         (("both.obj", "--texture", "8", "--uv", "file"), "both.obj"),
         (("both.obj", "--texture", "8", "--uv", "new"), "uv is 'new'"),
         (("both.obj", "--texture", "8", "--per", "face"), "--per is not for --texture"),
@@ -295,3 +317,15 @@ def test_mistakes_end_in_one_line(here, capfd, arguments, told):
     assert (code, out) == (2, "") and err.startswith("silint: error: ") and err.count("\n") == 1
     assert told in err
     assert sorted(here.iterdir()) == before
+
+
+def test_no_result_replaces_what_it_is_made_from(square, capfd):
+    Image.new("RGB", (4, 2), (128, 128, 255)).save("map.png")
+    before = (square / "map.png").read_bytes()
+    arguments = ["bake", "square.obj", "-o", "map.png", "--texture", "8"]
+    for more, told in (
+        (["--normal-map", "map.png"], "map.png: is the normal map; give the result another name"),
+        (["--quantity", "irradiance", "--envmap", "map.png"], "map.png: is the envmap; give"),
+    ):
+        assert cli.run([*arguments, *more]) == 2
+        assert told in capfd.readouterr()[1] and (square / "map.png").read_bytes() == before

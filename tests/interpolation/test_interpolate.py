@@ -188,6 +188,54 @@ def test_order_of_the_points_and_threads_change_nothing(components):
         numba.set_num_threads(threads)
 
 
+def rough(points, normals):
+    return np.sin(1e4 * points[:, 0]) * np.sin(3e4 * points[:, 1])
+
+
+@pytest.mark.parametrize(
+    "function, cost, spares",
+    [(wave, 1.0, True), (wave, 1e-9, False), (rough, 1.0, False), (rough, 1e-9, False)],
+    ids=["smooth and dear", "smooth and cheap", "rough and dear", "rough and cheap"],
+)
+@pytest.mark.parametrize("points, normals", [plane()[:2], ball()], ids=["plane", "ball"])
+def test_where_it_does_not_pay_all_points_are_computed(points, normals, function, cost, spares):
+    query, told = Counted(function), []
+    found = interpolate(
+        query, points, normals, 0.03, cost=lambda: cost, progress=lambda *done: told.append(done)
+    )
+    # Every point once, whatever is decided.
+    assert query.n == found.computed.sum() == found.diagnostics["computed"]
+    assert told[-1] == (len(points),) * 2 and told == sorted(told)
+    truth = function(points, normals)
+    assert np.array_equal(found.value[found.computed], truth[found.computed])
+    if spares:
+        assert found.computed.mean() < 0.2 and np.abs(found.value - truth).max() < 0.045
+        assert found.diagnostics["rounds"] > 0
+    else:
+        assert found.computed.all() and found.held_back_error == 0.0 and found.diagnostics["rounds"] == 0
+
+
+def test_few_points_are_computed_whatever_they_cost():
+    points, normals, _ = plane(22)
+    assert interpolate(wave, points, normals, 0.03, cost=lambda: 1.0).computed.all()
+
+
+def test_cost_is_asked_for_when_some_are_computed_and_order_does_not_matter():
+    points, normals = ball(4000)
+    surface = np.where(points[:, 2] > 0.2, 5, 2)
+    query = Counted(wave)
+
+    def cost():
+        assert 100 < query.n < 400
+        return 1.0
+
+    first = interpolate(query, points, normals, 0.03, surfaces=surface, cost=cost)
+    order = np.random.default_rng(1).permutation(len(points))
+    again = interpolate(wave, points[order], normals[order], 0.03, surfaces=surface[order], cost=lambda: 1.0)
+    assert np.array_equal(again.value, first.value[order]) and 0 < first.computed.sum() < 2000
+    assert again.diagnostics == first.diagnostics
+
+
 def test_the_worst_component_counts():
     points, normals, _ = plane()
 

@@ -12,6 +12,7 @@ import trimesh
 from silint.io import Baked, check_output, read_mesh, read_values, write_baked, write_bytes
 from silint.io import write as write_module
 from silint.io.glb import glb_bytes
+from silint.io.unfinished import discard_unfinished
 from silint.validation import InputError
 
 BOX = trimesh.creation.box((1.0, 2.0, 3.0))
@@ -202,7 +203,7 @@ def test_unfinished_files_can_be_discarded(tmp_path, monkeypatch):
 
     def interrupted(temporary, target):
         seen.append(temporary.exists())
-        write_module.discard_unfinished()
+        discard_unfinished()
         seen.append(temporary.exists())
         raise KeyboardInterrupt
 

@@ -2,12 +2,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
 import trimesh
 
 from silint import InputError
+from silint.io.unfinished import discard_unfinished
 from silint.texture.unwrap import repack, unwrap
 from tests.texture.shapes import grid
 
@@ -61,6 +64,19 @@ def test_a_missing_package_is_one_line(monkeypatch):
     assert "pip install 'silint[texture]'" in refused()
 
 
+def instead_of_xatlas(monkeypatch, code: str) -> list[subprocess.Popen]:
+    """Run this in its place; the list gets the processes."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    popen, started = subprocess.Popen, []
+
+    def start(command, **options):
+        started.append(popen([sys.executable, "-c", code, *command[2:]], **options))
+        return started[-1]
+
+    monkeypatch.setattr("silint.texture.unwrap.subprocess.Popen", start)
+    return started
+
+
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -71,12 +87,28 @@ def test_a_missing_package_is_one_line(monkeypatch):
     ],
 )
 def test_a_crash_is_one_line(monkeypatch, code, words):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
-    run = subprocess.run
-
-    def crash(command, **options):
-        return run([sys.executable, "-c", code], **options)
-
-    monkeypatch.setattr("silint.texture.unwrap.subprocess.run", crash)
+    instead_of_xatlas(monkeypatch, code)
     message = refused()
     assert words in message and "bring texture coordinates" in message
+
+
+def test_a_process_that_is_cut_off_takes_the_program_and_its_folder_along(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    started = instead_of_xatlas(
+        monkeypatch, "import sys, time; open(sys.argv[2], 'wb').write(b'half'); time.sleep(60)"
+    )
+
+    def cut_off() -> None:
+        while not list(tmp_path.glob("*/atlas.npz")):
+            time.sleep(0.01)
+        discard_unfinished()
+
+    thread = threading.Thread(target=cut_off)
+    thread.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        unwrap(BALL.vertices, BALL.faces, 64)
+    thread.join()
+    assert time.monotonic() - began < 30.0 and started[0].poll() is not None
+    assert list(tmp_path.iterdir()) == []
+    discard_unfinished()  # nothing is left to be discarded
