@@ -14,6 +14,7 @@ from silint.core.caps import NO_GROUND, UNLIMITED, LineLimits, clip_lines, reach
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
 from silint.core.face_bundles import FaceBundles, with_corners
+from silint.core.jit import each_block
 from silint.core.partition import aligned_order
 from silint.core.radial import NO_AIM, RadialIntervals, line_table, normal_table, set_frames
 from silint.core.radial_cover import covered_radial_intervals
@@ -111,7 +112,7 @@ def find_radial(
     lines = line_table(isolines)
     # The sweep looks at all of the hemisphere; covering goes no lower than lines count.
     horizon = np.ascontiguousarray(normal_table(lines, limits.cone if cover else 0.0)[:, 1])
-    reach = reach_table(limits, isolines)
+    reach = reach_table(limits, isolines) if limits.reach < np.inf else None
     frames = np.empty((n, 3, 3))
     set_frames(normals, aim, isolines, frames)
     counts, starts = np.empty((n, isolines), np.int32), np.empty(n, np.int64)
@@ -119,11 +120,14 @@ def find_radial(
     intervals, needed = np.empty((blocks, capacity, 2)), np.zeros(blocks, np.int64)
     tally = np.zeros((n, N_TALLY), np.int64)
     given = points, normals, frames, lines, horizon
-    blocked = get_num_threads(), per_block, counts, starts, intervals, needed, tally
+    blocked = per_block, counts, starts, intervals, needed, tally
     if cover:
-        covered_radial_intervals(geometry, bundles.face, *given, reach, limits.one_sided, *blocked)
+        one_sided = limits.one_sided
+        each_block(
+            covered_radial_intervals, blocks, geometry, bundles.face, *given, reach, one_sided, *blocked
+        )
     else:
-        radial_intervals(geometry, *bundles, *given, reach, *blocked)
+        each_block(radial_intervals, blocks, geometry, *bundles, *given, reach, *blocked)
     if needed.max(initial=0) > capacity:
         return int(needed.max())
     starts += capacity * (np.arange(n) // per_block)
