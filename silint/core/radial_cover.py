@@ -24,13 +24,13 @@ from silint.core.cuts import (
     N_KEYS,
     N_SPANS,
     ROOM,
-    comes_near,
     faces_away,
     farthest_corners,
     hide_cuts,
     keep_near,
     list_cuts,
     list_round_cuts,
+    meets_near,
     meets_open,
     project_faces,
 )
@@ -38,6 +38,14 @@ from silint.core.face_bundles import CORNER_BLOCK
 from silint.core.face_view import N_SEEN, N_VIEW, box_mask, set_view
 from silint.core.jit import BLOCK, INNER
 from silint.core.lanes import WIDTH, lowest
+
+
+@njit(**INNER)
+def _still_wanted(opened, n_open, tops, bottoms, squares, reach, stride, first, count, low, high, square):
+    """True where something may hide a part of a line that is open and reaches so far."""
+    if reach is None:
+        return meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high)
+    return meets_near(opened, n_open, tops, bottoms, squares, stride, first, count, low, high, square)
 
 
 @njit(**INNER)
@@ -76,8 +84,8 @@ def _cover(
 ):
     """Take what the faces hide from the open intervals of a point. False where a line has no room left.
 
-    `reach` (K,) is None for no limit; `squares` (K,) are those of it, rounded up to float32, and
-    `corner_distances` (16,) is scratch.
+    `reach` (K,) is None for no limit; `squares` (2 K,) are those of it, rounded up to float32, twice over,
+    and `corner_distances` (16,) is scratch.
     """
     n_lines = len(n_open)
     stride = len(opened) // n_lines
@@ -86,18 +94,33 @@ def _cover(
     left = n_lines
     blocks, bundles, crossings, clipped = 0, 0, 0, 0
     if reach is not None:
-        least, most, all_near = squares.min(), squares.max(), reach.min() ** 2
+        most, all_near = squares.max(), reach.min() ** 2
+    else:
+        most = np.float32(np.inf)
     top = 1 if n_bundles > 0 else 0
     # A row is a node: level (-1 a bundle), number, first line, lines; distance, lowest and highest key.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = len(levels) - 2, 0, 0, n_lines
-    stack_keys[0, 1], stack_keys[0, 2] = -np.inf, np.inf
+    stack_keys[0, 0], stack_keys[0, 1], stack_keys[0, 2] = 0.0, -np.inf, np.inf
     while top > 0 and left > 0:
         top -= 1
         level, number = stack[top, 0], stack[top, 1]
         first, count = stack[top, 2], stack[top, 3]
         low, high = stack_keys[top, 1], stack_keys[top, 2]
         # What was open when the node was put here may be hidden by now.
-        if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
+        if not _still_wanted(
+            opened,
+            n_open,
+            tops,
+            bottoms,
+            squares,
+            reach,
+            stride,
+            first,
+            count,
+            low,
+            high,
+            stack_keys[top, 0],
+        ):
             continue
         if level < 0:
             bundles += 1
@@ -165,10 +188,11 @@ def _cover(
             mask &= mask - 1
             first, count = ranges[i], ranges[WIDTH + i]
             low, high = seen[WIDTH + i], seen[2 * WIDTH + i]
-            if reach is not None and seen[i] >= least:
-                if seen[i] >= most or not comes_near(seen[i], squares, first, count):
-                    continue
-            if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
+            if seen[i] >= most:
+                continue
+            if not _still_wanted(
+                opened, n_open, tops, bottoms, squares, reach, stride, first, count, low, high, seen[i]
+            ):
                 continue
             # The nearest on top.
             distance = seen[i]
@@ -245,11 +269,12 @@ def covered_radial_intervals(
     """
     first, last = block * per_block, min((block + 1) * per_block, len(points))
     n_lines = len(lines)
-    squares, corner_distances = np.empty(n_lines, np.float32), np.empty(WIDTH)
+    squares, corner_distances = np.empty(2 * n_lines, np.float32), np.empty(WIDTH)
     if reach is not None:
-        for k in range(n_lines):
+        for k in range(2 * n_lines):
+            r = reach[k % n_lines]
             # Boxes have a margin of their own; only the square is rounded here.
-            squares[k] = min(reach[k] * reach[k] * (1.0 + 1e-5) + 1e-37, 1e38)
+            squares[k] = min(r * r * (1.0 + 1e-5) + 1e-37, 1e38)
     view = np.empty(N_VIEW, np.float32)
     stack = np.empty((WIDTH * len(bundles.levels), 4), np.int32)
     stack_keys = np.empty((WIDTH * len(bundles.levels), N_SEEN), np.float32)

@@ -15,11 +15,12 @@ from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
+from silint.core.face_view import N_SEEN, N_VIEW, set_view
 from silint.core.jit import BLOCK, INNER
 from silint.core.lanes import WIDTH
 from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 from silint.core.sphere_cuts import cross_sphere, new_scratch
-from silint.core.sphere_search import find_faces, gather_faces, new_face_search
+from silint.core.sphere_search import walk_faces
 from silint.core.zenith import near_zenith_counts, zenith_count
 
 # Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
@@ -173,7 +174,9 @@ def radial_intervals(
     n_passes = 2
     if reach is not None:
         n_passes, farthest = 3, reach.max()
-        sphere, scratch = new_face_search(np.int64(1), len(faces.levels)), new_scratch(n_lines)
+        scratch, view = new_scratch(n_lines), np.empty(N_VIEW, np.float32)
+        walk, near_ids = np.empty((WIDTH * len(faces.levels), 2), np.int64), np.empty(256, np.int32)
+        boxes, box_lines = np.empty(N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
         shell, sectors = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
 
     for tile_first in range(first, last, TILE):
@@ -188,8 +191,6 @@ def radial_intervals(
         search = search_tile(
             search, trees, tile, q[: tile_last - tile_first], narrow, tally[tile_first:tile_last], reach
         )
-        if reach is not None:
-            sphere = gather_faces(sphere, faces, tile, reach, tally[tile_first])
 
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
@@ -200,15 +201,34 @@ def radial_intervals(
             ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
             for k in range(n_lines):
                 count[k] = 0
+            if reach is not None:
+                set_view(p, n, frame, n_lines, view)
+                while True:
+                    n_faces = walk_faces(
+                        faces,
+                        p,
+                        q[i - tile_first],
+                        view,
+                        reach,
+                        walk,
+                        boxes,
+                        box_lines,
+                        shell,
+                        sectors,
+                        near_ids,
+                        tally[i],
+                    )
+                    if n_faces <= len(near_ids):
+                        break
+                    near_ids = np.empty(2 * n_faces, np.int32)
             which = 0
             # Edges of both trees, and then the faces that reach out of the sphere.
             while which < n_passes:
                 tree = trees[which % 2]
                 if reach is not None and which == 2:
-                    n_faces = find_faces(sphere, q[i - tile_first], reach, shell, sectors, tally[i])
                     fits = cross_sphere(
                         geometry,
-                        sphere.found,
+                        near_ids,
                         n_faces,
                         p,
                         n,

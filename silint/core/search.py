@@ -337,7 +337,7 @@ def _find_edges(
             tested = _reaching_packets(
                 packets, chunk, chunk_end, first_packet, last_packet, q[i], lines, work, reach
             )
-            left = _contour_packets(packets, candidates, q[i], tested, work, side, reach)
+            left = _contour_packets(packets, candidates, q[i], tested, work, side)
             if len(lines) > 0:
                 _cross_lines(packets, candidates, q[i], lines, left, work)
             n_ids = _record(edge_ids, last, left, work, side, ids[i], sides[i], ends[i, which + 1])
@@ -380,7 +380,7 @@ def _reaching_packets(packets, first_block, last_block, first_packet, last_packe
 
 
 @njit(**INNER)
-def _contour_packets(packets, candidates, q, n, work, side, reach):
+def _contour_packets(packets, candidates, q, n, work, side):
     """Of n packets, those with edges that may be contours above the horizon, and their number."""
     left = np.int64(0)  # a literal would compile the filter twice
     for i in range(n):
@@ -388,10 +388,6 @@ def _contour_packets(packets, candidates, q, n, work, side, reach):
         packet = work[row + _PACKET]
         off = _error(packets, packet)
         hits = edge_mask(candidates, packet, off, q, side, left)
-        if reach is not None and hits != 0:
-            first, within = np.int64(packet) * CANDIDATE_BLOCK, off + q[P_SLACK]
-            square = q[P_REACH] * q[P_REACH]
-            hits &= near_edge_mask(candidates, first, q[0], q[1], q[2], within, within, within, square)
         work[to + _EDGES] = hits
         work[to + _PACKET] = packet
         work[to + _FIRST_LINE], work[to + _LINES] = work[row + _FIRST_LINE], work[row + _LINES]

@@ -288,18 +288,22 @@ def prefers_cover(
     order = bundles.face.order
     if len(order) == 0:
         return False, bundles
-    limited = limits.reach < np.inf
     starts = (np.arange(_PROBES) * len(order)) // _PROBES
     step = max(len(order) // _PROBE_POINTS, 1)
     faces = order[np.unique(np.minimum(starts[:, None] + step * np.arange(TILE), len(order) - 1))]
     codes = geometry.face_planes[faces]
     normals = geometry.planes[np.where(codes < 0, ~codes, codes), :3] * np.where(codes < 0, -1, 1)[:, None]
     points = geometry.vertices[geometry.faces[faces]].mean(axis=1) + _PROBE_LIFT * normals
-    swept = _probe(geometry, bundles, points, normals, False, limits)
-    if swept <= _LEAST_COVER * len(points) and not limited:
-        return False, bundles
-    whole = bundles if len(bundles.face.corners) else _with_corners(bundles, geometry)
-    cover = _probe(geometry, whole, points, normals, True, limits) < swept
+    # One way first, covering where lines end: what costs little is taken at once, and the other way not
+    # compiled only to be looked at.
+    cover = limits.reach < np.inf
+    whole = bundles if len(bundles.face.corners) or not cover else _with_corners(bundles, geometry)
+    cost = _probe(geometry, whole, points, normals, cover, limits)
+    if cost <= _LEAST_COVER * len(points):
+        return cover, whole
+    whole = whole if len(whole.face.corners) else _with_corners(bundles, geometry)
+    if _probe(geometry, whole, points, normals, not cover, limits) < cost:
+        cover = not cover
     return cover, whole if cover else bundles
 
 

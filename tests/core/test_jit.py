@@ -52,12 +52,12 @@ def test_an_error_ends_the_loop(threads: int, error: type[BaseException]) -> Non
 
 # What only a maximum distance needs, as modules and names of their functions.
 _OF_DISTANCES = {
-    "sphere_search": ("gather_faces", "find_faces", "new_face_search"),
+    "sphere_search": ("gather_faces", "find_faces", "walk_faces"),
     "sphere_cuts": ("cross_sphere",),
     "caps": ("cap_on_line", "crosses_near", "clip_lines"),
     "filters": ("near_mask", "near_edge_mask", "near_packet_mask"),
     "zenith": ("near_zenith_counts",),
-    "cuts": ("keep_near", "farthest_corners", "comes_near"),
+    "cuts": ("keep_near", "farthest_corners", "meets_near"),
 }
 _BAKE = f"""
 import importlib
