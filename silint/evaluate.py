@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
-from silint.core.caps import NO_FALLOFF, UNLIMITED, LineLimits
+from silint.core.caps import LINES_OF_FALLOFF, NO_FALLOFF, UNLIMITED, LineLimits
 from silint.core.integrands import radial_sh
 from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import NO_AIM, RadialIntervals
@@ -37,9 +37,6 @@ _NARROW = float(np.cos(np.radians(LEAST_RADIAL_SPREAD)))
 
 # The error falls as lines ** -_RATE.
 _RATE = 1.5
-
-# Lines for each isoline where surfaces fall off with distance, as each of them takes one radius.
-_LINES_OF_FALLOFF = 4
 
 Found = tuple[FloatArray, FloatArray]  # value, error estimate
 
@@ -130,7 +127,7 @@ def _refine(
     """
     most = integrand.most_octahedral if method == "octahedral" else MAX_ISOLINES
     if limits.falloff != NO_FALLOFF:
-        most = MAX_ISOLINES // _LINES_OF_FALLOFF
+        most = MAX_ISOLINES // LINES_OF_FALLOFF
     lines = np.full(len(p), _FIRST_ISOLINES)
     k = _FIRST_ISOLINES
     while k <= most:
@@ -187,7 +184,7 @@ def _run(
             add_counts(totals, visible.diagnostics)
         return
     even = radial_sh.enough_lines(isolines, integrand.max_degree)
-    lines = even if limits.falloff == NO_FALLOFF else _LINES_OF_FALLOFF * even
+    lines = even if limits.falloff == NO_FALLOFF else LINES_OF_FALLOFF * even
     for found, counts, group in finder.radial(p, n, lines, progress, integrand.aim, limits):
         with KERNEL_LOCK:
             value[rows[group]], estimate[rows[group]] = integrand.radial(found)

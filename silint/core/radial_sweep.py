@@ -176,6 +176,9 @@ def radial_intervals(
         n_passes, farthest = 3, reach.max()
         scratch, view = new_scratch(n_lines), np.empty(N_VIEW, np.float32)
         walk, near_ids = np.empty((WIDTH * len(faces.levels), 2), np.int64), np.empty(256, np.int32)
+        squares = np.empty(2 * n_lines, np.float32)
+        for k in range(2 * n_lines):
+            squares[k] = reach[k % n_lines] ** 2
         boxes, box_lines = np.empty(N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
         shell, sectors = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
 
@@ -209,7 +212,7 @@ def radial_intervals(
                         p,
                         q[i - tile_first],
                         view,
-                        reach,
+                        squares,
                         walk,
                         boxes,
                         box_lines,

@@ -364,14 +364,20 @@ def find_faces(search, q, reach, seen, spans, tally):
 @njit(**INNER)
 def _straddles(near, far, reach, first, last, n_lines):
     """Whether a face may meet the sphere of a line between two sectors."""
+    near, far = near * (1.0 - _MARGIN), far * (1.0 + _MARGIN)
     if 2 * (last - first) >= n_lines:
         # It may be the other way round, or about the axis.
         first, last = 0, n_lines
-    return _some_between(near, far, reach, first + n_lines if first < 0 else first, last - first, n_lines)
+    for i in range(first, last):
+        k = i + n_lines if i < 0 else (i if i < n_lines else i - n_lines)
+        r = reach[k]
+        if near < r * r and far > r * r:
+            return True
+    return False
 
 
 @njit(**INNER)
-def walk_faces(bundles, p, q, view, reach, stack, boxes, lines, seen, spans, found, tally):
+def walk_faces(bundles, p, q, view, squares, stack, boxes, lines, seen, spans, found, tally):
     """Faces that may begin or end on the spheres of lines about one point, straight from the tree.
 
     A box is entered where some line that it reaches has a radius between its nearest and its farthest place.
@@ -386,7 +392,8 @@ def walk_faces(bundles, p, q, view, reach, stack, boxes, lines, seen, spans, fou
         See `search.set_point`, with the longest reach.
     view : (N_VIEW,) float32
         See `face_view.set_view`.
-    reach : (K,) float64
+    squares : (2 K,) float32
+        Of how far lines reach, twice over, so that a range that runs past the last needs no second thought.
     stack : (16 * depth, 2) int64
         Scratch, as are all that follow.
     boxes, lines : (N_SEEN * 16,) float32, (32,) int32
@@ -398,10 +405,9 @@ def walk_faces(bundles, p, q, view, reach, stack, boxes, lines, seen, spans, fou
     -------
     The number of faces; those beyond the capacity are not written.
     """
-    n_lines, n_found, blocks, tested = len(reach), 0, 0, 0
+    n_lines, n_found, blocks, tested = len(squares) // 2, 0, 0, 0
     order, nodes, levels = bundles.order, bundles.nodes, bundles.levels
-    shortest = reach.min()
-    least, most = _F(shortest * shortest * (1.0 - _MARGIN)), q[14] * q[14]
+    least, most = squares.min() * _F(1.0 - _MARGIN), q[14] * q[14]
     slack = view[B_SLACK]
     top = 1 if len(order) > 0 else 0
     stack[0, 0], stack[0, 1] = len(levels) - 2, 0
@@ -416,8 +422,12 @@ def walk_faces(bundles, p, q, view, reach, stack, boxes, lines, seen, spans, fou
                 mask &= mask - 1
                 if number * WIDTH + lane >= len(order):
                     break
-                near, far = np.float64(seen[lane]), np.float64(seen[WIDTH + lane])
-                if _straddles(near, far, reach, spans[lane], spans[WIDTH + lane], n_lines):
+                first, count = spans[lane], spans[WIDTH + lane] - spans[lane]
+                if 2 * count >= n_lines:
+                    # It may be the other way round, or about the axis.
+                    first, count = 0, n_lines
+                first = first + n_lines if first < 0 else first
+                if _some_between(seen[lane], seen[WIDTH + lane], squares, first, count):
                     if n_found < len(found):
                         found[n_found] = order[number * WIDTH + lane]
                     n_found += 1
@@ -428,15 +438,14 @@ def walk_faces(bundles, p, q, view, reach, stack, boxes, lines, seen, spans, fou
         while mask != 0:
             lane = lowest(mask)
             mask &= mask - 1
-            near = np.float64(boxes[lane])
+            near, farthest = boxes[lane], _ZERO
             if near > most:
                 continue
-            farthest = 0.0
             for axis in range(3):
                 j = block * BLOCK + axis * WIDTH + lane
                 x = abs(nodes[j + CENTRE * WIDTH] - view[axis]) + nodes[j + HALF * WIDTH] + slack
-                farthest += np.float64(x) * np.float64(x)
-            if _some_between(near, farthest, reach, lines[lane], lines[WIDTH + lane], n_lines):
+                farthest += x * x
+            if _some_between(near, farthest, squares, lines[lane], lines[WIDTH + lane]):
                 stack[top, 0], stack[top, 1] = level - 1, number * WIDTH + lane
                 top += 1
     tally[NODES] += blocks
@@ -445,11 +454,10 @@ def walk_faces(bundles, p, q, view, reach, stack, boxes, lines, seen, spans, fou
 
 
 @njit(**INNER)
-def _some_between(near, far, reach, first, count, n_lines):
-    """Whether one of `count` lines reaches as far as a square of distances between two."""
-    near, far = near * (1.0 - _MARGIN), far * (1.0 + _MARGIN)
-    for i in range(first, first + count):
-        r = reach[i if i < n_lines else i - n_lines]
-        if near < r * r and far > r * r:
-            return True
-    return False
+def _some_between(near, far, squares, first, count):
+    """Whether one of `count` squares from the first on lies between two, up to rounding."""
+    near, far = near * _F(1.0 - _MARGIN), far * _F(1.0 + _MARGIN)
+    some = False
+    for k in range(np.uint64(first), np.uint64(first + count)):
+        some |= (near < squares[k]) & (far > squares[k])
+    return some

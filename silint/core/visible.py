@@ -10,7 +10,15 @@ from numba import get_num_threads
 from silint.core.arcs import boundary_arcs
 from silint.core.arcs_types import Arcs
 from silint.core.bundles import EdgeBundles
-from silint.core.caps import NO_GROUND, UNLIMITED, LineLimits, clip_lines, reach_table
+from silint.core.caps import (
+    LINES_OF_FALLOFF,
+    NO_FALLOFF,
+    NO_GROUND,
+    UNLIMITED,
+    LineLimits,
+    clip_lines,
+    reach_table,
+)
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
 from silint.core.face_bundles import FaceBundles, with_corners
@@ -316,11 +324,10 @@ def _probe(
     limits: LineLimits,
 ) -> float:
     """What one way costs for some points, in ns."""
-    found: FoundRadial | int = 8 * TILE * _PROBE_LINES
+    lines = _PROBE_LINES * (1 if limits.falloff == NO_FALLOFF else LINES_OF_FALLOFF)
+    found: FoundRadial | int = 8 * TILE * lines
     while isinstance(found, int):
-        found = find_radial(
-            geometry, bundles, points, normals, _PROBE_LINES, TILE, found, cover, limits=limits
-        )
+        found = find_radial(geometry, bundles, points, normals, lines, TILE, found, cover, limits=limits)
     return float(found.tally @ (_COVER_COST if cover else _SWEEP_COST))
 
 

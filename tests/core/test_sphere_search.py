@@ -30,6 +30,7 @@ def faces_on_spheres(faces, points, normals, frames, reach, walked, ids, counts,
     search.set_tile(points, normals, 0, n, tile, reach.max())
     found = gather_faces(new_face_search(1, len(faces.levels)), faces, tile, reach, tally[0])
     view, stack = np.empty(N_VIEW, np.float32), np.empty((WIDTH * len(faces.levels), 2), np.int64)
+    squares = np.concatenate((reach, reach)).astype(np.float32) ** 2
     boxes, lines = np.empty(N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
     seen, spans = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
     for i in range(n):
@@ -41,10 +42,10 @@ def faces_on_spheres(faces, points, normals, frames, reach, walked, ids, counts,
             set_view(p, normal, frames[i], len(reach), view)
             few = ids[i, : len(ids[i]) // 2]  # what does not fit is counted
             counts[i] = walk_faces(
-                faces, p, q[i], view, reach, stack, boxes, lines, seen, spans, few, tally[i]
+                faces, p, q[i], view, squares, stack, boxes, lines, seen, spans, few, tally[i]
             )
             if counts[i] > len(few):
-                walk_faces(faces, p, q[i], view, reach, stack, boxes, lines, seen, spans, ids[i], tally[i])
+                walk_faces(faces, p, q[i], view, squares, stack, boxes, lines, seen, spans, ids[i], tally[i])
         else:
             counts[i] = find_faces(found, q[i], reach, seen, spans, tally[i])
             ids[i, : counts[i]] = found.found[: counts[i]]
