@@ -51,7 +51,9 @@ def main() -> None:
         common.fail(error)
     source = options.mesh if path is None else str(Path(path).resolve())
     with tempfile.TemporaryDirectory() as cache:
+        # Warm includes Python's own bytecode, whatever the shell says of it.
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache, "PYTHONPATH": str(common.ROOT)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
         cold = start(source, environment)
         warm = [start(source, environment) for _ in range(options.runs)]
     medians = tuple(map(statistics.median, zip(*warm, strict=True)))

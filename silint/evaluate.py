@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from silint.core.arcs_types import Arcs
-from silint.core.caps import NO_FALLOFF, UNLIMITED, LineLimits
+from silint.core.caps import LINES_OF_FALLOFF, NO_FALLOFF, UNLIMITED, LineLimits
 from silint.core.integrands import radial_sh
 from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import NO_AIM, RadialIntervals

@@ -15,6 +15,10 @@ from scipy.stats import t as student
 from scenes.clutter import clutter
 from scenes.foliage import foliage
 from silint import Environment, InputError, Limits, Scene, SilhouetteIntegrator, ambient_occlusion
+from silint.core import visible
+from silint.core.caps import LineLimits
+from silint.core.search import TILE
+from silint.core.visible import FoundRadial, find_radial
 from silint.reference import EmbreeQMC, embree_available
 
 Rows = tuple[np.ndarray, np.ndarray]
@@ -172,6 +176,66 @@ def test_beyond_the_scene_every_bit_is_that_of_no_limit(sil: Any) -> None:
     # With backfaces, against covering without a distance.
     some = sil.ambient_occlusion(p, n, backfaces="ignore")
     assert (sil.ambient_occlusion(p, n, backfaces="ignore", max_distance="101%") == some).all()
+
+
+@pytest.mark.parametrize(
+    ("reach", "sweeping", "covering", "cover", "tried"),
+    [
+        (np.inf, 1e3, 0.0, False, [False]),
+        (np.inf, 1e9, 1e8, True, [False, True]),
+        (np.inf, 1e8, 1e9, False, [False, True]),
+        (0.1, 0.0, 1e3, True, [True]),
+        (0.1, 1e8, 1e9, False, [True, False]),
+        (0.1, 1e9, 1e8, True, [True, False]),
+    ],
+)
+def test_the_cheaper_way_is_taken_and_no_other_tried_where_one_is_cheap(
+    monkeypatch: pytest.MonkeyPatch,
+    reach: float,
+    sweeping: float,
+    covering: float,
+    cover: bool,
+    tried: list[bool],
+) -> None:
+    """Trying a way compiles it, for half a minute."""
+    finder, asked = cluttered()._finder, []
+
+    def probe(geometry: Any, bundles: Any, points: Any, normals: Any, cover: bool, limits: Any) -> float:
+        asked.append(cover)
+        assert len(bundles.face.corners) or (not cover and limits.reach == np.inf)
+        return covering if cover else sweeping
+
+    monkeypatch.setattr(visible, "_probe", probe)
+    bare = finder.bundles._replace(face=finder.bundles.face._replace(corners=np.zeros(0)))
+    found, bundles = visible.prefers_cover(finder.geometry, bare, LineLimits(reach))
+    assert (found, asked) == (cover, tried)
+    assert len(bundles.face.corners) or not cover
+
+
+@pytest.mark.parametrize("sil", [cluttered, leaves])
+@pytest.mark.parametrize("falloff", ["none", "linear"])
+@pytest.mark.parametrize("R", [0.03, 0.2, 0.6])
+def test_sweeping_and_covering_give_the_same_bits(sil: Any, falloff: str, R: float) -> None:
+    """Each skips what lies beyond the reach of lines by boxes of its own; neither may lack anything."""
+    finder = sil()._finder
+    vertices = finder.scene.vertices
+    rng = np.random.default_rng(3)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    p, n = rng.uniform(low, high, (96, 3)), rng.normal(size=(96, 3))
+    p, n = finder.shade_points(p, n)
+    limits = finder.line_limits(Limits(R * float(np.linalg.norm(high - low)), falloff))
+    swept, covered = (
+        find_radial(finder.geometry, finder.bundles, p, n, 64, TILE, 64 * 64 * TILE, cover, limits=limits)
+        for cover in (False, True)
+    )
+    assert isinstance(swept, FoundRadial) and isinstance(covered, FoundRadial) and swept.contradicted == 0
+    np.testing.assert_array_equal(swept.visible.counts, covered.visible.counts)
+    for i, count in enumerate(swept.visible.counts.sum(axis=1)):
+        a, b = swept.visible.starts[i], covered.visible.starts[i]
+        np.testing.assert_array_equal(
+            swept.visible.intervals[a : a + count], covered.visible.intervals[b : b + count]
+        )
+    assert (swept.visible.counts > 1).any() or R < 0.1
 
 
 def test_a_distance_below_all_faces_leaves_everything_open() -> None:

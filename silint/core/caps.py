@@ -27,6 +27,9 @@ _GOLDEN = 0.6180339887498949
 
 NO_FALLOFF, LINEAR, QUADRATIC = 0, 1, 2
 
+# Lines for each isoline where surfaces fall off with distance, as each of them takes one radius.
+LINES_OF_FALLOFF = 4
+
 
 class LineLimits(NamedTuple):
     """What of a scene counts, in scaled units."""

@@ -141,7 +141,6 @@ def cross_edges(
     lines,
     horizon,
     reach,
-    limited,
     rounding,
     lanes,
     spans,
@@ -157,8 +156,8 @@ def cross_edges(
     ----------
     horizon : (K,) float64
         Key of the horizon on each line.
-    reach : (K,) float64
-        What lies farther on a line does not count, if `limited`.
+    reach : (K,) float64 or None
+        What lies farther on a line does not count; None for no limit.
     lanes, spans : (N_LANE_FIELDS * 16,) float64, (N_SPAN_FIELDS * 16,) int32
         Scratch.
     count : (K,) int32
@@ -200,13 +199,15 @@ def cross_edges(
             contours += 1
             along, across = lanes[9 * WIDTH + i], lanes[10 * WIDTH + i]
             k = spans[WIDTH + i]
-            start = in_frame(lanes[i], lanes[WIDTH + i], lanes[2 * WIDTH + i], frame)
-            chord = in_frame(lanes[6 * WIDTH + i], lanes[7 * WIDTH + i], lanes[8 * WIDTH + i], frame)
+            if reach is not None:
+                start = in_frame(lanes[i], lanes[WIDTH + i], lanes[2 * WIDTH + i], frame)
+                chord = in_frame(lanes[6 * WIDTH + i], lanes[7 * WIDTH + i], lanes[8 * WIDTH + i], frame)
             for _ in range(steps):
                 y = along * lines[k, 0] + across * lines[k, 1]
-                if y > horizon[k] and (
-                    not limited or crosses_near(start, chord, lines[k, 0], lines[k, 1], reach[k])
-                ):
+                counts = y > horizon[k]
+                if reach is not None:
+                    counts = counts and crosses_near(start, chord, lines[k, 0], lines[k, 1], reach[k])
+                if counts:
                     c = count[k]
                     if c == capacity:
                         return False

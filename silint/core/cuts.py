@@ -179,6 +179,29 @@ def meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
 
 
 @njit(**INNER)
+def meets_near(opened, n_open, tops, bottoms, squares, stride, first, count, low, high, square):
+    """As `meets_open`, on lines that reach as far as what is at this squared distance.
+
+    `squares` (2 K,) are those of how far lines reach, float32 and rounded up, twice over.
+    """
+    near = False
+    for k in range(np.uint64(first), np.uint64(first + count)):
+        near |= (tops[k] > low) & (bottoms[k] < high) & (square < squares[k])
+    if not near:
+        return False
+    n_lines = len(n_open)
+    for i in range(first, first + count):
+        if tops[i] > low and bottoms[i] < high and square < squares[i]:
+            k = i if i < n_lines else i - n_lines
+            for j in range(k * stride, k * stride + 2 * n_open[k], 2):
+                if opened[j + 1] < high:
+                    if opened[j] > low:
+                        return True
+                    break
+    return False
+
+
+@njit(**INNER)
 def list_cuts(keys, spans, i, lines, tops, bottoms, cuts, cut_lines, n_cuts):
     """Append what face i of a bundle hides on lines that are open there; returns the number of cuts.
 
@@ -322,19 +345,6 @@ def keep_near(
         cuts[2 * n_cuts], cuts[2 * n_cuts + 1] = high, low
         n_cuts += int(low < high)
     return n_cuts
-
-
-@njit(**INNER)
-def comes_near(square, squares, first, count):
-    """True where something at this squared distance is within the reach of one of `count` lines.
-
-    `squares` (K,) are those of the reaches, float32 and rounded up.
-    """
-    n_lines = len(squares)
-    for i in range(first, first + count):
-        if square < squares[i if i < n_lines else i - n_lines]:
-            return True
-    return False
 
 
 @njit(**INNER)

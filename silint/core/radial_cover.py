@@ -15,7 +15,7 @@ the order in which they are taken. Boxes only say what may be skipped: float32, 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from silint.core.buffers import grow_rows
 from silint.core.contour import CROSSINGS, EDGES, NODES, SPHERE, side_rounding
@@ -24,20 +24,28 @@ from silint.core.cuts import (
     N_KEYS,
     N_SPANS,
     ROOM,
-    comes_near,
     faces_away,
     farthest_corners,
     hide_cuts,
     keep_near,
     list_cuts,
     list_round_cuts,
+    meets_near,
     meets_open,
     project_faces,
 )
 from silint.core.face_bundles import CORNER_BLOCK
 from silint.core.face_view import N_SEEN, N_VIEW, box_mask, set_view
-from silint.core.jit import INNER, PARALLEL
+from silint.core.jit import BLOCK, INNER
 from silint.core.lanes import WIDTH, lowest
+
+
+@njit(**INNER)
+def _still_wanted(opened, n_open, tops, bottoms, squares, reach, stride, first, count, low, high, square):
+    """True where something may hide a part of a line that is open and reaches so far."""
+    if reach is None:
+        return meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high)
+    return meets_near(opened, n_open, tops, bottoms, squares, stride, first, count, low, high, square)
 
 
 @njit(**INNER)
@@ -69,7 +77,6 @@ def _cover(
     tops,
     bottoms,
     reach,
-    limited,
     one_sided,
     squares,
     corner_distances,
@@ -77,7 +84,8 @@ def _cover(
 ):
     """Take what the faces hide from the open intervals of a point. False where a line has no room left.
 
-    `squares` (K,) are those of `reach`, rounded up to float32, and `corner_distances` (16,) is scratch.
+    `reach` (K,) is None for no limit; `squares` (2 K,) are those of it, rounded up to float32, twice over,
+    and `corner_distances` (16,) is scratch.
     """
     n_lines = len(n_open)
     stride = len(opened) // n_lines
@@ -85,24 +93,40 @@ def _cover(
     rounding = side_rounding(p)
     left = n_lines
     blocks, bundles, crossings, clipped = 0, 0, 0, 0
-    least, most, all_near = squares.min(), squares.max(), reach.min() ** 2
+    if reach is not None:
+        most, all_near = squares.max(), reach.min() ** 2
+    else:
+        most = np.float32(np.inf)
     top = 1 if n_bundles > 0 else 0
     # A row is a node: level (-1 a bundle), number, first line, lines; distance, lowest and highest key.
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = len(levels) - 2, 0, 0, n_lines
-    stack_keys[0, 1], stack_keys[0, 2] = -np.inf, np.inf
+    stack_keys[0, 0], stack_keys[0, 1], stack_keys[0, 2] = 0.0, -np.inf, np.inf
     while top > 0 and left > 0:
         top -= 1
         level, number = stack[top, 0], stack[top, 1]
         first, count = stack[top, 2], stack[top, 3]
         low, high = stack_keys[top, 1], stack_keys[top, 2]
         # What was open when the node was put here may be hidden by now.
-        if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
+        if not _still_wanted(
+            opened,
+            n_open,
+            tops,
+            bottoms,
+            squares,
+            reach,
+            stride,
+            first,
+            count,
+            low,
+            high,
+            stack_keys[top, 0],
+        ):
             continue
         if level < 0:
             bundles += 1
             n_cuts = np.int64(0)  # a literal would compile what follows twice
             mask = project_faces(corners, number, p, n, frame, n_lines, keys, spans)
-            if limited and mask != 0:
+            if reach is not None and mask != 0:
                 farthest_corners(corners, number, p[0], p[1], p[2], corner_distances)
             while mask != 0:
                 i = lowest(mask)
@@ -132,7 +156,7 @@ def _cover(
                         cut_lines,
                         n_cuts,
                     )
-                if limited and corner_distances[i] * (1.0 + 1e-9) >= all_near:
+                if reach is not None and corner_distances[i] * (1.0 + 1e-9) >= all_near:
                     clipped += 1
                     n_cuts = keep_near(
                         face_planes,
@@ -164,10 +188,11 @@ def _cover(
             mask &= mask - 1
             first, count = ranges[i], ranges[WIDTH + i]
             low, high = seen[WIDTH + i], seen[2 * WIDTH + i]
-            if limited and seen[i] >= least:
-                if seen[i] >= most or not comes_near(seen[i], squares, first, count):
-                    continue
-            if not meets_open(opened, n_open, tops, bottoms, stride, first, count, low, high):
+            if seen[i] >= most:
+                continue
+            if not _still_wanted(
+                opened, n_open, tops, bottoms, squares, reach, stride, first, count, low, high, seen[i]
+            ):
                 continue
             # The nearest on top.
             distance = seen[i]
@@ -189,8 +214,8 @@ def _cover(
     return True
 
 
-@njit(**INNER)
-def _cover_points(
+@njit(**BLOCK)
+def covered_radial_intervals(
     geometry,
     bundles,
     points,
@@ -200,19 +225,56 @@ def _cover_points(
     horizon,
     reach,
     one_sided,
-    first,
-    last,
+    per_block,
     counts,
     starts,
+    intervals,
+    needed,
     tally,
+    block,
 ):
-    """Visible intervals of the points [first, last), in one list."""
+    """Visible intervals of a block of shade points on radial isolines, by covering.
+
+    Parameters
+    ----------
+    geometry : Topology
+    bundles : FaceBundles
+        With corners.
+    points, normals : (n, 3) float64
+        As for `radial_sweep.radial_intervals`, in any order.
+    frames : (n, 3, 3) float64
+        Rows T, M, A of each; see `radial.set_frames`.
+    lines, horizon : (K, 2), (K,) float64
+        See `radial.line_table` and `radial.normal_table`.
+    reach : (K,) float64 or None
+        Nothing blocks a line from this distance on: see `caps.reach_table`. None for no limit, and what a
+        limit takes is not compiled.
+    one_sided : bool
+        Whether faces seen from their back block nothing.
+    per_block : int
+        Points of a block.
+    counts : (n, K) int32, out
+        Intervals on each line.
+    starts : (n,) int64, out
+        First row of each point's intervals within its block.
+    intervals : (blocks, capacity, 2) float64, out
+        Keys of start and end, from the zenith down, tightly packed within a block.
+    needed : (blocks,) int64, out
+        Intervals of each block; a block that needs more than the capacity is left unwritten.
+    tally : (n, N_TALLY) int64, zero, out
+        NODES are blocks of 16 boxes, EDGES are faces here, CROSSINGS are faces on open lines, SPHERE are
+        faces that reach out.
+    block : int
+        Which block of the points.
+    """
+    first, last = block * per_block, min((block + 1) * per_block, len(points))
     n_lines = len(lines)
-    limited, squares = reach.max() < np.inf, np.empty(n_lines, np.float32)
-    for k in range(n_lines):
-        # Boxes have a margin of their own; only the square is rounded here.
-        squares[k] = min(reach[k] * reach[k] * (1.0 + 1e-5) + 1e-37, 1e38)
-    corner_distances = np.empty(WIDTH)
+    squares, corner_distances = np.empty(2 * n_lines, np.float32), np.empty(WIDTH)
+    if reach is not None:
+        for k in range(2 * n_lines):
+            r = reach[k % n_lines]
+            # Boxes have a margin of their own; only the square is rounded here.
+            squares[k] = min(r * r * (1.0 + 1e-5) + 1e-37, 1e38)
     view = np.empty(N_VIEW, np.float32)
     stack = np.empty((WIDTH * len(bundles.levels), 4), np.int32)
     stack_keys = np.empty((WIDTH * len(bundles.levels), N_SEEN), np.float32)
@@ -267,7 +329,6 @@ def _cover_points(
                 tops,
                 bottoms,
                 reach,
-                limited,
                 one_sided,
                 squares,
                 corner_distances,
@@ -286,86 +347,7 @@ def _cover_points(
             for j in range(k * stride, k * stride + 2 * n_open[k], 2):
                 found[n_found, 0], found[n_found, 1] = opened[j], opened[j + 1]
                 n_found += 1
-    return found, n_found
-
-
-@njit(**PARALLEL)
-def covered_radial_intervals(
-    geometry,
-    faces,
-    points,
-    normals,
-    frames,
-    lines,
-    horizon,
-    reach,
-    one_sided,
-    hands,
-    per_block,
-    counts,
-    starts,
-    intervals,
-    needed,
-    tally,
-):
-    """Visible intervals of many shade points on radial isolines, by covering.
-
-    Parameters
-    ----------
-    geometry : Topology
-    faces : FaceBundles
-        With corners.
-    points, normals : (n, 3) float64
-        As for `radial_sweep.radial_intervals`, in any order.
-    frames : (n, 3, 3) float64
-        Rows T, M, A of each; see `radial.set_frames`.
-    lines, horizon : (K, 2), (K,) float64
-        See `radial.line_table` and `radial.normal_table`.
-    reach : (K,) float64
-        Nothing blocks a line from this distance on; infinite for no limit. See `caps.reach_table`.
-    one_sided : bool
-        Whether faces seen from their back block nothing.
-    hands : int
-        The number of threads; nothing but the time depends on it.
-    per_block : int
-        Points of a block.
-    counts : (n, K) int32, out
-        Intervals on each line.
-    starts : (n,) int64, out
-        First row of each point's intervals within its block.
-    intervals : (blocks, capacity, 2) float64, out
-        Keys of start and end, from the zenith down, tightly packed within a block.
-    needed : (blocks,) int64, out
-        Intervals of each block; a block that needs more than the capacity is left unwritten.
-    tally : (n, N_TALLY) int64, zero, out
-        NODES are blocks of 16 boxes, EDGES are faces here, CROSSINGS are faces on open lines, SPHERE are
-        faces that reach out.
-    """
-    n, n_blocks = len(points), len(intervals)
-    # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.
-    share = (n_blocks + hands - 1) // hands
-    for i in prange(share * hands):
-        block = i % share * hands + i // share
-        if block >= n_blocks:
-            continue
-        first, last = block * per_block, min((block + 1) * per_block, n)
-        found, n_found = _cover_points(
-            geometry,
-            faces,
-            points,
-            normals,
-            frames,
-            lines,
-            horizon,
-            reach,
-            one_sided,
-            first,
-            last,
-            counts,
-            starts,
-            tally,
-        )
-        needed[block] = n_found
-        if n_found <= intervals.shape[1]:
-            for j in range(n_found):
-                intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]
+    needed[block] = n_found
+    if n_found <= intervals.shape[1]:
+        for j in range(n_found):
+            intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]

@@ -9,17 +9,18 @@ point alone: the frame on its normal, and the order of its crossings on the orde
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.buffers import SHORT, grow_rows, sort_pairs
 from silint.core.contour import CONTOURS, CROSSINGS, SNAPPED, side_rounding
 from silint.core.crossings import N_LANE_FIELDS, N_SPAN_FIELDS, cross_edges
-from silint.core.jit import INNER, PARALLEL
+from silint.core.face_view import N_SEEN, N_VIEW, set_view
+from silint.core.jit import BLOCK, INNER
 from silint.core.lanes import WIDTH
 from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
 from silint.core.sphere_cuts import cross_sphere, new_scratch
-from silint.core.sphere_search import find_faces, gather_faces, new_face_search
+from silint.core.sphere_search import walk_faces
 from silint.core.zenith import near_zenith_counts, zenith_count
 
 # Negative W over less than this difference of theta is rounding: two crossings in the wrong order.
@@ -104,10 +105,11 @@ def _sweep_lines(key, gain, capacity, count, horizon, at_zenith, found, n_found,
     return before
 
 
-@njit(**INNER)
-def _sweep_tiles(
+@njit(**BLOCK)
+def radial_intervals(
     geometry,
-    trees,
+    contour,
+    boundary,
     faces,
     points,
     normals,
@@ -115,13 +117,48 @@ def _sweep_tiles(
     lines,
     horizon,
     reach,
-    first,
-    last,
+    per_block,
     counts,
     starts,
+    intervals,
+    needed,
     tally,
+    block,
 ):
-    """Visible intervals of the points [first, last), tile by tile, in one list."""
+    """Visible intervals of a block of shade points on radial isolines.
+
+    Parameters
+    ----------
+    geometry : Topology
+    contour, boundary : EdgeBundles
+        Of ordinary edges, and of all others.
+    faces : FaceBundles
+    points, normals : (n, 3) float64
+        In scaled units and already displaced; unit normals. Neighbours in the array should be neighbours in
+        space, and alike in normal.
+    frames : (n, 3, 3) float64
+        Rows T, M, A of each; see `radial.set_frames`.
+    lines, horizon : (K, 2), (K,) float64
+        See `radial.line_table` and `radial.normal_table`.
+    reach : (K,) float64 or None
+        Nothing blocks a line from this distance on: see `caps.reach_table`. Faces have to have their corners
+        then. None for no limit, and what a limit takes is not compiled.
+    per_block : int
+        Points of a block, a multiple of TILE.
+    counts : (n, K) int32, out
+        Intervals on each line; CONTRADICTED, and none, where it has to be covered instead.
+    starts : (n,) int64, out
+        First row of each point's intervals within its block.
+    intervals : (blocks, capacity, 2) float64, out
+        Keys of start and end, from the zenith down, tightly packed within a block.
+    needed : (blocks,) int64, out
+        Intervals of each block; a block that needs more than the capacity is left unwritten.
+    tally : (n, N_TALLY) int64, zero, out
+    block : int
+        Which block of the points.
+    """
+    first, last = block * per_block, min((block + 1) * per_block, len(points))
+    trees = contour, boundary
     n_lines = len(lines)
     tile, axis = np.empty(N_TILE, np.float32), np.empty(N_AXIS, np.float32)
     q, narrow = np.empty((TILE, N_POINT), np.float32), lines.astype(np.float32)
@@ -133,10 +170,17 @@ def _sweep_tiles(
     count = np.empty(n_lines, np.int32)
     key, gain = np.empty(n_lines * capacity), np.empty(n_lines * capacity, np.int32)
     found = np.empty((4 * TILE * n_lines, 2))
-    at_zenith, farthest = np.empty(n_lines, np.int32), reach.max()
-    limited = farthest < np.inf
-    sphere, scratch = new_face_search(np.int64(1), len(faces.levels)), new_scratch(n_lines)
-    shell, sectors = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
+    at_zenith, farthest = np.empty(n_lines, np.int32), np.inf
+    n_passes = 2
+    if reach is not None:
+        n_passes, farthest = 3, reach.max()
+        scratch, view = new_scratch(n_lines), np.empty(N_VIEW, np.float32)
+        walk, near_ids = np.empty((WIDTH * len(faces.levels), 2), np.int64), np.empty(256, np.int32)
+        squares = np.empty(2 * n_lines, np.float32)
+        for k in range(2 * n_lines):
+            squares[k] = reach[k % n_lines] ** 2
+        boxes, box_lines = np.empty(N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
+        shell, sectors = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
 
     for tile_first in range(first, last, TILE):
         tile_last = min(tile_first + TILE, last)
@@ -148,10 +192,8 @@ def _sweep_tiles(
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
             set_point(p, n, across, over, n_lines / (2.0 * np.pi), tile, q[i - tile_first], farthest)
         search = search_tile(
-            search, trees, tile, q[: tile_last - tile_first], narrow, tally[tile_first:tile_last]
+            search, trees, tile, q[: tile_last - tile_first], narrow, tally[tile_first:tile_last], reach
         )
-        if limited:
-            sphere = gather_faces(sphere, faces, tile, reach, tally[tile_first])
 
         for i in range(tile_first, tile_last):
             p = points[i, 0], points[i, 1], points[i, 2]
@@ -162,15 +204,34 @@ def _sweep_tiles(
             ids, sides, ends = search.ids[i - tile_first], search.sides[i - tile_first], search.ends
             for k in range(n_lines):
                 count[k] = 0
+            if reach is not None:
+                set_view(p, n, frame, n_lines, view)
+                while True:
+                    n_faces = walk_faces(
+                        faces,
+                        p,
+                        q[i - tile_first],
+                        view,
+                        squares,
+                        walk,
+                        boxes,
+                        box_lines,
+                        shell,
+                        sectors,
+                        near_ids,
+                        tally[i],
+                    )
+                    if n_faces <= len(near_ids):
+                        break
+                    near_ids = np.empty(2 * n_faces, np.int32)
             which = 0
             # Edges of both trees, and then the faces that reach out of the sphere.
-            while which < 2 + int(limited):
+            while which < n_passes:
                 tree = trees[which % 2]
-                if which == 2:
-                    n_faces = find_faces(sphere, q[i - tile_first], reach, shell, sectors, tally[i])
+                if reach is not None and which == 2:
                     fits = cross_sphere(
                         geometry,
-                        sphere.found,
+                        near_ids,
                         n_faces,
                         p,
                         n,
@@ -204,7 +265,6 @@ def _sweep_tiles(
                         lines,
                         horizon,
                         reach,
-                        limited,
                         rounding,
                         lanes,
                         spans,
@@ -232,10 +292,10 @@ def _sweep_tiles(
                 if n_along <= len(face_ids):
                     break
                 face_ids = np.empty(2 * n_along, np.int32)
-            if limited:
-                near_zenith_counts(geometry, face_ids, n_along, p, n, frame, reach, rounding, at_zenith)
-            else:
+            if reach is None:
                 at_zenith[:] = zenith_count(geometry, face_ids, n_along, p, n, frame, n_lines, rounding)
+            else:
+                near_zenith_counts(geometry, face_ids, n_along, p, n, frame, reach, rounding, at_zenith)
             crossings = 0
             for k in range(n_lines):
                 crossings += count[k]
@@ -244,86 +304,7 @@ def _sweep_tiles(
                 found = grow_rows(found, 2 * len(found) + crossings + n_lines)
             starts[i] = n_found
             n_found = _sweep_lines(key, gain, capacity, count, horizon, at_zenith, found, n_found, counts, i)
-    return found, n_found
-
-
-@njit(**PARALLEL)
-def radial_intervals(
-    geometry,
-    contour,
-    boundary,
-    faces,
-    points,
-    normals,
-    frames,
-    lines,
-    horizon,
-    reach,
-    hands,
-    per_block,
-    counts,
-    starts,
-    intervals,
-    needed,
-    tally,
-):
-    """Visible intervals of many shade points on radial isolines.
-
-    Parameters
-    ----------
-    geometry : Topology
-    contour, boundary : EdgeBundles
-        Of ordinary edges, and of all others.
-    faces : FaceBundles
-    points, normals : (n, 3) float64
-        In scaled units and already displaced; unit normals. Neighbours in the array should be neighbours in
-        space, and alike in normal.
-    frames : (n, 3, 3) float64
-        Rows T, M, A of each; see `radial.set_frames`.
-    lines, horizon : (K, 2), (K,) float64
-        See `radial.line_table` and `radial.normal_table`.
-    reach : (K,) float64
-        Nothing blocks a line from this distance on, infinite for no limit: see `caps.reach_table`. Faces have
-        to have their corners then.
-    hands : int
-        The number of threads; nothing but the time depends on it.
-    per_block : int
-        Points of a block, a multiple of TILE.
-    counts : (n, K) int32, out
-        Intervals on each line; CONTRADICTED, and none, where it has to be covered instead.
-    starts : (n,) int64, out
-        First row of each point's intervals within its block.
-    intervals : (blocks, capacity, 2) float64, out
-        Keys of start and end, from the zenith down, tightly packed within a block.
-    needed : (blocks,) int64, out
-        Intervals of each block; a block that needs more than the capacity is left unwritten.
-    tally : (n, N_TALLY) int64, zero, out
-    """
-    n, n_blocks = len(points), len(intervals)
-    # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.
-    share = (n_blocks + hands - 1) // hands
-    for i in prange(share * hands):
-        block = i % share * hands + i // share
-        if block >= n_blocks:
-            continue
-        first, last = block * per_block, min((block + 1) * per_block, n)
-        found, n_found = _sweep_tiles(
-            geometry,
-            (contour, boundary),
-            faces,
-            points,
-            normals,
-            frames,
-            lines,
-            horizon,
-            reach,
-            first,
-            last,
-            counts,
-            starts,
-            tally,
-        )
-        needed[block] = n_found
-        if n_found <= intervals.shape[1]:
-            for j in range(n_found):
-                intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]
+    needed[block] = n_found
+    if n_found <= intervals.shape[1]:
+        for j in range(n_found):
+            intervals[block, j, 0], intervals[block, j, 1] = found[j, 0], found[j, 1]

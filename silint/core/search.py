@@ -51,8 +51,8 @@ P_POINT, P_NORMAL, P_T, P_M, P_SLACK, P_PER_RADIAN, P_REACH, N_POINT = 0, 3, 6, 
 # the edges that are left of it. Packets are taken some blocks at a time.
 _PACKET, _FIRST_LINE, _LINES, _EDGES, _N_ROW = 0, 1, 2, 3, 4
 _BLOCKS_AT_ONCE = 4
-_REACH = _BLOCKS_AT_ONCE * WIDTH * _N_ROW  # behind the rows, the lines that the packets of a block may reach
-N_WORK = _REACH + 2 * WIDTH
+_REACHED = _BLOCKS_AT_ONCE * WIDTH * _N_ROW  # behind the rows, lines that packets of a block may reach
+N_WORK = _REACHED + 2 * WIDTH
 N_SIDES = _BLOCKS_AT_ONCE * WIDTH * WIDTH
 
 # float32 keeps sums of a few products of numbers below 1 to well within this.
@@ -109,7 +109,7 @@ def set_point(p, n, across, over, per_radian, tile, q, reach=np.inf):
 
 
 @njit(**INNER)
-def _gather_candidates(tree, tile, stack, candidates, edge_ids, count, tally):
+def _gather_candidates(tree, tile, stack, candidates, edge_ids, count, tally, reach):
     """Append the edges that some point of a tile may need, in packets of 16.
 
     Their order is that of the tree, whatever the tile: what is found for a point does not depend on the
@@ -124,14 +124,15 @@ def _gather_candidates(tree, tile, stack, candidates, edge_ids, count, tally):
     if n_edges == 0:
         return count
     n_bundles = (n_edges + WIDTH - 1) // WIDTH
-    limited = tile[TILE_REACH] < np.inf
     decoded = np.empty(CANDIDATE_BLOCK, np.float32)
     top, blocks, tested = 1, 0, 0
     stack[0, 0], stack[0, 1] = len(levels) - 2, 0
     while top > 0:
         top -= 1
         level, block = stack[top, 0], stack[top, 1]
-        mask = near_mask(nodes, levels[level] + block, tile) if limited else -1
+        mask = np.int64(-1)
+        if reach is not None:
+            mask = near_mask(nodes, levels[level] + block, tile)
         if mask != 0:
             mask &= tile_mask(nodes, levels[level] + block, tile)
         blocks += 1
@@ -153,11 +154,12 @@ def _gather_candidates(tree, tile, stack, candidates, edge_ids, count, tally):
             radius = nodes[base + RADIUS * WIDTH]
             hits = tile_edge_mask(edges, child, x, y, z, radius, tile, decoded)
             tested += WIDTH
-            if limited and hits != 0:
+            if reach is not None and hits != 0:
                 off = tile[TILE_SLACK] + _F(2.0) * decoded[WRONG * WIDTH]
                 sx, sy, sz = tile[POINT_HALF], tile[POINT_HALF + 1], tile[POINT_HALF + 2]
+                first, zero = np.int64(0), _F(0.0)  # a literal would compile the filter twice
                 hits &= near_edge_mask(
-                    decoded, 0, _F(0.0), _F(0.0), _F(0.0), sx + off, sy + off, sz + off, tile[TILE_REACH]
+                    decoded, first, zero, zero, zero, sx + off, sy + off, sz + off, tile[TILE_REACH]
                 )
             while hits != 0:
                 lane = lowest(hits)
@@ -247,7 +249,7 @@ def new_search(n_blocks, capacity):
 
 
 @njit(**INNER)
-def search_tile(search, trees, tile, q, lines, tally):
+def search_tile(search, trees, tile, q, lines, tally, reach=None):
     """Edges of two trees that the points of a tile need.
 
     Parameters
@@ -262,6 +264,9 @@ def search_tile(search, trees, tile, q, lines, tally):
         Cosine and sine of radial lines; none for octahedral ones.
     tally : (n, N_TALLY) int64
         Added to; what is done once for the tile counts for its first point.
+    reach : optional
+        None where nothing limits how far edges count: then filters of distances are not even compiled. Its
+        value is not looked at; tile and points hold the distance.
 
     Returns
     -------
@@ -273,9 +278,9 @@ def search_tile(search, trees, tile, q, lines, tally):
     # The candidates of the second tree begin with a packet of their own.
     zero = np.int64(0)  # a literal would compile what follows twice
     while True:
-        middle = _gather_candidates(trees[0], tile, search.stack, candidates, edge_ids, zero, tally[0])
+        middle = _gather_candidates(trees[0], tile, search.stack, candidates, edge_ids, zero, tally[0], reach)
         second = (middle + WIDTH - 1) // WIDTH * WIDTH
-        last = _gather_candidates(trees[1], tile, search.stack, candidates, edge_ids, second, tally[0])
+        last = _gather_candidates(trees[1], tile, search.stack, candidates, edge_ids, second, tally[0], reach)
         if last <= len(edge_ids):
             break
         n_blocks = (last + last // 2) // (WIDTH * WIDTH) + 1
@@ -301,6 +306,7 @@ def search_tile(search, trees, tile, q, lines, tally):
             search.ends,
             which,
             tally,
+            reach,
         )
     return Search(
         ids, sides, search.ends, candidates, packets, edge_ids, search.work, search.side, search.stack
@@ -309,7 +315,7 @@ def search_tile(search, trees, tile, q, lines, tally):
 
 @njit(**INNER)
 def _find_edges(
-    packets, candidates, edge_ids, first, last, q, lines, work, side, ids, sides, ends, which, tally
+    packets, candidates, edge_ids, first, last, q, lines, work, side, ids, sides, ends, which, tally, reach
 ):
     """Those of the candidates [first, last) that each shade point of a tile needs.
 
@@ -329,7 +335,7 @@ def _find_edges(
             if ends[i, which + 1] + N_SIDES > ids.shape[1]:
                 ids, sides = _longer_rows(ids), _longer_rows(sides)
             tested = _reaching_packets(
-                packets, chunk, chunk_end, first_packet, last_packet, q[i], lines, work
+                packets, chunk, chunk_end, first_packet, last_packet, q[i], lines, work, reach
             )
             left = _contour_packets(packets, candidates, q[i], tested, work, side)
             if len(lines) > 0:
@@ -351,13 +357,16 @@ def _longer_rows(array):
 
 
 @njit(**INNER)
-def _reaching_packets(packets, first_block, last_block, first_packet, last_packet, q, lines, work):
+def _reaching_packets(packets, first_block, last_block, first_packet, last_packet, q, lines, work, reach):
     """Packets of some blocks that may reach a line: rows of `work`, and their number."""
-    reach = work[_REACH:]
+    reached = work[_REACHED:]
     n = 0
     for block in range(first_block, last_block):
-        mask = packet_mask(packets, block, q, reach) if len(lines) > 0 else octahedral_mask(packets, block, q)
-        if q[P_REACH] < np.inf:
+        if len(lines) > 0:
+            mask = packet_mask(packets, block, q, reached)
+        else:
+            mask = octahedral_mask(packets, block, q)
+        if reach is not None:
             mask &= near_packet_mask(packets, block, q)
         while mask != 0:
             lane = lowest(mask)
@@ -365,7 +374,7 @@ def _reaching_packets(packets, first_block, last_block, first_packet, last_packe
             packet = block * WIDTH + lane
             row = n * _N_ROW
             work[row + _PACKET] = packet
-            work[row + _FIRST_LINE], work[row + _LINES] = reach[lane], reach[WIDTH + lane]
+            work[row + _FIRST_LINE], work[row + _LINES] = reached[lane], reached[WIDTH + lane]
             n += first_packet <= packet < last_packet
     return n
 
@@ -373,19 +382,12 @@ def _reaching_packets(packets, first_block, last_block, first_packet, last_packe
 @njit(**INNER)
 def _contour_packets(packets, candidates, q, n, work, side):
     """Of n packets, those with edges that may be contours above the horizon, and their number."""
-    left = 0
-    reach = q[P_REACH]
-    limited = reach < np.inf
+    left = np.int64(0)  # a literal would compile the filter twice
     for i in range(n):
         row, to = i * _N_ROW, left * _N_ROW
         packet = work[row + _PACKET]
         off = _error(packets, packet)
         hits = edge_mask(candidates, packet, off, q, side, left)
-        if limited and hits != 0:
-            off += q[P_SLACK]
-            hits &= near_edge_mask(
-                candidates, packet * CANDIDATE_BLOCK, q[0], q[1], q[2], off, off, off, reach * reach
-            )
         work[to + _EDGES] = hits
         work[to + _PACKET] = packet
         work[to + _FIRST_LINE], work[to + _LINES] = work[row + _FIRST_LINE], work[row + _LINES]

@@ -17,6 +17,7 @@ from numba import njit
 
 from silint.core.contour import EDGES, NODES
 from silint.core.face_bundles import BLOCK, CENTRE, CORNER_BLOCK, HALF
+from silint.core.face_view import B_SLACK, box_mask
 from silint.core.filters import PACKET_BLOCK, PACKET_ERROR, PACKET_RADIUS, near_packet_mask, packet_mask
 from silint.core.jit import FILTER, INNER
 from silint.core.lanes import WIDTH, lowest
@@ -123,14 +124,16 @@ def _far_packet_mask(packets, block, q, least):
 
 
 @njit(**FILTER)
-def _face_mask(corners, packet, q, least, most, seen, spans):
+def _face_mask(corners, packet, p, q, least, most, seen, spans):
     """Faces of a packet that may meet the spheres of some lines, between the squares `least` and `most`.
+
+    Corners, float32 or float64, are seen from p; all else about the point is in q (`search.set_point`).
 
     Writes to `seen` (32,) the squared distances between which each face lies, and to `spans` (32,) int32 the
     sectors between which its corners do.
     """
     base = np.uint64(packet) * np.uint64(CORNER_BLOCK)
-    px, py, pz = q[0], q[1], q[2]
+    px, py, pz = p
     nx, ny, nz = q[3], q[4], q[5]
     tx, ty, tz = q[6], q[7], q[8]
     mx, my, mz = q[9], q[10], q[11]
@@ -139,9 +142,9 @@ def _face_mask(corners, packet, q, least, most, seen, spans):
     mask = np.uint32(0)
     for i in range(_UW):
         j = base + i
-        ax, ay, az = corners[j] - px, corners[j + _U1] - py, corners[j + _U2] - pz
-        bx, by, bz = corners[j + _U3] - px, corners[j + _U4] - py, corners[j + _U5] - pz
-        cx, cy, cz = corners[j + _U6] - px, corners[j + _U7] - py, corners[j + _U8] - pz
+        ax, ay, az = _F(corners[j] - px), _F(corners[j + _U1] - py), _F(corners[j + _U2] - pz)
+        bx, by, bz = _F(corners[j + _U3] - px), _F(corners[j + _U4] - py), _F(corners[j + _U5] - pz)
+        cx, cy, cz = _F(corners[j + _U6] - px), _F(corners[j + _U7] - py), _F(corners[j + _U8] - pz)
         low, high = ax if ax < bx else bx, ax if ax > bx else bx
         low, high = low if low < cx else cx, high if high > cx else cx
         dx = (low if low > -high else -high) - slack
@@ -340,7 +343,7 @@ def find_faces(search, q, reach, seen, spans, tally):
             if packet >= n_packets:
                 break
             tested += WIDTH
-            hits = _face_mask(search.candidates, packet, q, least, most, seen, spans)
+            hits = _face_mask(search.candidates, packet, (q[0], q[1], q[2]), q, least, most, seen, spans)
             while hits != 0:
                 lane = lowest(hits)
                 hits &= hits - 1
@@ -371,3 +374,90 @@ def _straddles(near, far, reach, first, last, n_lines):
         if near < r * r and far > r * r:
             return True
     return False
+
+
+@njit(**INNER)
+def walk_faces(bundles, p, q, view, squares, stack, boxes, lines, seen, spans, found, tally):
+    """Faces that may begin or end on the spheres of lines about one point, straight from the tree.
+
+    A box is entered where some line that it reaches has a radius between its nearest and its farthest place.
+    With a radius of its own for every line that is a small part of all that is near, which no tile shares.
+
+    Parameters
+    ----------
+    bundles : FaceBundles
+        With corners.
+    p : tuple of 3 float
+    q : (N_POINT,) float32
+        See `search.set_point`, with the longest reach.
+    view : (N_VIEW,) float32
+        See `face_view.set_view`.
+    squares : (2 K,) float32
+        Of how far lines reach, twice over, so that a range that runs past the last needs no second thought.
+    stack : (16 * depth, 2) int64
+        Scratch, as are all that follow.
+    boxes, lines : (N_SEEN * 16,) float32, (32,) int32
+    seen, spans : (32,) float32, (32,) int32
+    found : (capacity,) int32, out
+    tally : (N_TALLY,) int64
+
+    Returns
+    -------
+    The number of faces; those beyond the capacity are not written.
+    """
+    n_lines, n_found, blocks, tested = len(squares) // 2, 0, 0, 0
+    order, nodes, levels = bundles.order, bundles.nodes, bundles.levels
+    least, most = squares.min() * _F(1.0 - _MARGIN), q[14] * q[14]
+    slack = view[B_SLACK]
+    top = 1 if len(order) > 0 else 0
+    stack[0, 0], stack[0, 1] = len(levels) - 2, 0
+    while top > 0:
+        top -= 1
+        level, number = stack[top, 0], stack[top, 1]
+        if level < 0:
+            tested += WIDTH
+            mask = _face_mask(bundles.corners, number, p, q, least, most, seen, spans)
+            while mask != 0:
+                lane = lowest(mask)
+                mask &= mask - 1
+                if number * WIDTH + lane >= len(order):
+                    break
+                first, count = spans[lane], spans[WIDTH + lane] - spans[lane]
+                if 2 * count >= n_lines:
+                    # It may be the other way round, or about the axis.
+                    first, count = 0, n_lines
+                first = first + n_lines if first < 0 else first
+                if _some_between(seen[lane], seen[WIDTH + lane], squares, first, count):
+                    if n_found < len(found):
+                        found[n_found] = order[number * WIDTH + lane]
+                    n_found += 1
+            continue
+        blocks += 1
+        block = levels[level] + number
+        mask = box_mask(nodes, block, view, n_lines, boxes, lines)
+        while mask != 0:
+            lane = lowest(mask)
+            mask &= mask - 1
+            near, farthest = boxes[lane], _ZERO
+            if near > most:
+                continue
+            for axis in range(3):
+                j = block * BLOCK + axis * WIDTH + lane
+                x = abs(nodes[j + CENTRE * WIDTH] - view[axis]) + nodes[j + HALF * WIDTH] + slack
+                farthest += x * x
+            if _some_between(near, farthest, squares, lines[lane], lines[WIDTH + lane]):
+                stack[top, 0], stack[top, 1] = level - 1, number * WIDTH + lane
+                top += 1
+    tally[NODES] += blocks
+    tally[EDGES] += tested
+    return n_found
+
+
+@njit(**INNER)
+def _some_between(near, far, squares, first, count):
+    """Whether one of `count` squares from the first on lies between two, up to rounding."""
+    near, far = near * _F(1.0 - _MARGIN), far * _F(1.0 + _MARGIN)
+    some = False
+    for k in range(np.uint64(first), np.uint64(first + count)):
+        some |= (near < squares[k]) & (far > squares[k])
+    return some

@@ -10,10 +10,19 @@ from numba import get_num_threads
 from silint.core.arcs import boundary_arcs
 from silint.core.arcs_types import Arcs
 from silint.core.bundles import EdgeBundles
-from silint.core.caps import NO_GROUND, UNLIMITED, LineLimits, clip_lines, reach_table
+from silint.core.caps import (
+    LINES_OF_FALLOFF,
+    NO_FALLOFF,
+    NO_GROUND,
+    UNLIMITED,
+    LineLimits,
+    clip_lines,
+    reach_table,
+)
 from silint.core.contour import N_TALLY
 from silint.core.cover import COVER_BLOCK, covered_intervals
 from silint.core.face_bundles import FaceBundles, with_corners
+from silint.core.jit import each_block
 from silint.core.partition import aligned_order
 from silint.core.radial import NO_AIM, RadialIntervals, line_table, normal_table, set_frames
 from silint.core.radial_cover import covered_radial_intervals
@@ -111,7 +120,7 @@ def find_radial(
     lines = line_table(isolines)
     # The sweep looks at all of the hemisphere; covering goes no lower than lines count.
     horizon = np.ascontiguousarray(normal_table(lines, limits.cone if cover else 0.0)[:, 1])
-    reach = reach_table(limits, isolines)
+    reach = reach_table(limits, isolines) if limits.reach < np.inf else None
     frames = np.empty((n, 3, 3))
     set_frames(normals, aim, isolines, frames)
     counts, starts = np.empty((n, isolines), np.int32), np.empty(n, np.int64)
@@ -119,11 +128,14 @@ def find_radial(
     intervals, needed = np.empty((blocks, capacity, 2)), np.zeros(blocks, np.int64)
     tally = np.zeros((n, N_TALLY), np.int64)
     given = points, normals, frames, lines, horizon
-    blocked = get_num_threads(), per_block, counts, starts, intervals, needed, tally
+    blocked = per_block, counts, starts, intervals, needed, tally
     if cover:
-        covered_radial_intervals(geometry, bundles.face, *given, reach, limits.one_sided, *blocked)
+        one_sided = limits.one_sided
+        each_block(
+            covered_radial_intervals, blocks, geometry, bundles.face, *given, reach, one_sided, *blocked
+        )
     else:
-        radial_intervals(geometry, *bundles, *given, reach, *blocked)
+        each_block(radial_intervals, blocks, geometry, *bundles, *given, reach, *blocked)
     if needed.max(initial=0) > capacity:
         return int(needed.max())
     starts += capacity * (np.arange(n) // per_block)
@@ -292,18 +304,22 @@ def prefers_cover(
     order = bundles.face.order
     if len(order) == 0:
         return False, bundles
-    limited = limits.reach < np.inf
     starts = (np.arange(_PROBES) * len(order)) // _PROBES
     step = max(len(order) // _PROBE_POINTS, 1)
     faces = order[np.unique(np.minimum(starts[:, None] + step * np.arange(TILE), len(order) - 1))]
     codes = geometry.face_planes[faces]
     normals = geometry.planes[np.where(codes < 0, ~codes, codes), :3] * np.where(codes < 0, -1, 1)[:, None]
     points = geometry.vertices[geometry.faces[faces]].mean(axis=1) + _PROBE_LIFT * normals
-    swept = _probe(geometry, bundles, points, normals, False, limits)
-    if swept <= _LEAST_COVER * len(points) and not limited:
-        return False, bundles
-    whole = bundles if len(bundles.face.corners) else _with_corners(bundles, geometry)
-    cover = _probe(geometry, whole, points, normals, True, limits) < swept
+    # One way first, covering where lines end: what costs little is taken at once, and the other way not
+    # compiled only to be looked at.
+    cover = limits.reach < np.inf
+    whole = bundles if len(bundles.face.corners) or not cover else _with_corners(bundles, geometry)
+    cost = _probe(geometry, whole, points, normals, cover, limits)
+    if cost <= _LEAST_COVER * len(points):
+        return cover, whole
+    whole = whole if len(whole.face.corners) else _with_corners(bundles, geometry)
+    if _probe(geometry, whole, points, normals, not cover, limits) < cost:
+        cover = not cover
     return cover, whole if cover else bundles
 
 
@@ -316,11 +332,10 @@ def _probe(
     limits: LineLimits,
 ) -> float:
     """What one way costs for some points, in ns."""
-    found: FoundRadial | int = 8 * TILE * _PROBE_LINES
+    lines = _PROBE_LINES * (1 if limits.falloff == NO_FALLOFF else LINES_OF_FALLOFF)
+    found: FoundRadial | int = 8 * TILE * lines
     while isinstance(found, int):
-        found = find_radial(
-            geometry, bundles, points, normals, _PROBE_LINES, TILE, found, cover, limits=limits
-        )
+        found = find_radial(geometry, bundles, points, normals, lines, TILE, found, cover, limits=limits)
     return float(found.tally @ (_COVER_COST if cover else _SWEEP_COST))
 
 

@@ -15,6 +15,7 @@ from scenes.mesh import concatenate, moved
 from silint.core.bundles import build_edge_bundles
 from silint.core.contour import N_TALLY
 from silint.core.face_bundles import BLOCK, CORNER_BLOCK, FaceBundles, build_face_bundles
+from silint.core.jit import each_block
 from silint.core.lanes import WIDTH
 from silint.core.partition import aligned_box_order
 from silint.core.radial import line_table, normal_table, set_frame
@@ -97,22 +98,20 @@ def frames(n: np.ndarray) -> np.ndarray:
 def cover(
     topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, n_lines: int = K, per_block: int = 8
 ) -> Found:
-    reach = np.full(n_lines, np.inf)
+    given = topology, faces, p, n, frames(n), *tables(n_lines), None, False
 
     def run(*blocks: object) -> None:
-        covered_radial_intervals(topology, faces, p, n, frames(n), *tables(n_lines), reach, False, 2, *blocks)
+        each_block(covered_radial_intervals, -(-len(p) // per_block), *given, *blocks)
 
     return gathered(run, len(p), n_lines, per_block)
 
 
 def sweep(topology: Topology, faces: FaceBundles, p: np.ndarray, n: np.ndarray, n_lines: int = K) -> Found:
     contour, boundary, _ = build_edge_bundles(topology)
-    reach = np.full(n_lines, np.inf)
+    given = topology, contour, boundary, faces, p, n, frames(n), *tables(n_lines), None
 
     def run(*blocks: object) -> None:
-        radial_intervals(
-            topology, contour, boundary, faces, p, n, frames(n), *tables(n_lines), reach, 2, *blocks
-        )
+        each_block(radial_intervals, -(-len(p) // TILE), *given, *blocks)
 
     return gathered(run, len(p), n_lines, TILE)
 

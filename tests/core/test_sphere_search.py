@@ -10,9 +10,10 @@ from scenes.clutter import clutter
 from silint.core import filters, search
 from silint.core.contour import N_TALLY
 from silint.core.face_bundles import FaceBundles, build_face_bundles
+from silint.core.face_view import N_SEEN, N_VIEW, set_view
 from silint.core.lanes import WIDTH
 from silint.core.radial import set_frame
-from silint.core.sphere_search import find_faces, gather_faces, new_face_search
+from silint.core.sphere_search import find_faces, gather_faces, new_face_search, walk_faces
 from silint.core.topology import Topology, build_topology
 
 LINES = 16
@@ -22,20 +23,32 @@ BARYCENTRIC = np.stack([1 - _U - _V, _U, _V], axis=-1)[_U + _V <= 1]
 
 
 @njit(cache=True, error_model="numpy")
-def faces_on_spheres(faces, points, normals, frames, reach, ids, counts, tally):
+def faces_on_spheres(faces, points, normals, frames, reach, walked, ids, counts, tally):
     """What is found for the points of one tile. Room for few candidates only: it has to grow."""
     n = len(points)
     tile, q = np.empty(search.N_TILE, np.float32), np.empty((n, search.N_POINT), np.float32)
     search.set_tile(points, normals, 0, n, tile, reach.max())
     found = gather_faces(new_face_search(1, len(faces.levels)), faces, tile, reach, tally[0])
+    view, stack = np.empty(N_VIEW, np.float32), np.empty((WIDTH * len(faces.levels), 2), np.int64)
+    squares = np.concatenate((reach, reach)).astype(np.float32) ** 2
+    boxes, lines = np.empty(N_SEEN * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
     seen, spans = np.empty(2 * WIDTH, np.float32), np.empty(2 * WIDTH, np.int32)
     for i in range(n):
         p, normal = (points[i, 0], points[i, 1], points[i, 2]), (normals[i, 0], normals[i, 1], normals[i, 2])
         t = frames[i, 0, 0], frames[i, 0, 1], frames[i, 0, 2]
         m = frames[i, 1, 0], frames[i, 1, 1], frames[i, 1, 2]
         search.set_point(p, normal, t, m, len(reach) / (2 * np.pi), tile, q[i], reach.max())
-        counts[i] = find_faces(found, q[i], reach, seen, spans, tally[i])
-        ids[i, : counts[i]] = found.found[: counts[i]]
+        if walked:
+            set_view(p, normal, frames[i], len(reach), view)
+            few = ids[i, : len(ids[i]) // 2]  # what does not fit is counted
+            counts[i] = walk_faces(
+                faces, p, q[i], view, squares, stack, boxes, lines, seen, spans, few, tally[i]
+            )
+            if counts[i] > len(few):
+                walk_faces(faces, p, q[i], view, squares, stack, boxes, lines, seen, spans, ids[i], tally[i])
+        else:
+            counts[i] = find_faces(found, q[i], reach, seen, spans, tally[i])
+            ids[i, : counts[i]] = found.found[: counts[i]]
 
 
 @njit(cache=True, error_model="numpy")
@@ -100,7 +113,8 @@ def wanted(
 @pytest.mark.parametrize("name", ["clutter", "soup"])
 @pytest.mark.parametrize("R", [0.02, 0.2, 0.7])
 @pytest.mark.parametrize("falling", [False, True])
-def test_every_face_on_a_sphere_is_found(name: str, R: float, falling: bool) -> None:
+@pytest.mark.parametrize("walked", [False, True])
+def test_every_face_on_a_sphere_is_found(name: str, R: float, falling: bool, walked: bool) -> None:
     topology, faces = scene(name)
     rng = np.random.default_rng(1)
     reach = R * ((0.5 + 0.618034 * np.arange(LINES)) % 1.0) if falling else np.full(LINES, R)
@@ -117,7 +131,7 @@ def test_every_face_on_a_sphere_is_found(name: str, R: float, falling: bool) -> 
                 set_frame(normals[i], frames[i])
             ids, counts = np.empty((size, len(topology.faces)), np.int32), np.zeros(size, np.int64)
             tally = np.zeros((size, N_TALLY), np.int64)
-            faces_on_spheres(faces, points, normals, frames, reach, ids, counts, tally)
+            faces_on_spheres(faces, points, normals, frames, reach, walked, ids, counts, tally)
             for i in range(size):
                 found = ids[i, : counts[i]].tolist()
                 assert len(set(found)) == len(found)
