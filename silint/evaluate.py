@@ -14,7 +14,7 @@ from silint.core.integrands import radial_sh
 from silint.core.jit import KERNEL_LOCK
 from silint.core.radial import NO_AIM, RadialIntervals
 from silint.finder import Progress, VisibleFinder, add_counts, diagnose
-from silint.limits import LEAST_RADIAL_SPREAD, LINES_OF_FALLOFF, NO_LIMITS, Limits
+from silint.limits import LEAST_RADIAL_SPREAD, NO_LIMITS, Limits
 from silint.validation import InputError, choice, positive_int, positive_number
 from silint.visibility import FloatArray, Result, Visibility, check_table
 

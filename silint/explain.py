@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from silint.basis import Basis
-from silint.core.caps import UNLIMITED, LineLimits
+from silint.core.caps import LINES_OF_FALLOFF, UNLIMITED, LineLimits
 from silint.core.integrands.octahedral_sh import table_bytes
 from silint.core.integrands.radial_light import cells_a_line
 from silint.core.integrands.radial_sh import enough_lines
@@ -15,7 +15,7 @@ from silint.core.sh import moment_degree
 from silint.environment import Environment
 from silint.finder import VisibleFinder
 from silint.lighting import table_bytes as harmonic_table_bytes
-from silint.limits import EXACT_LIMITS, LINES_OF_FALLOFF, NO_LIMITS, Limits
+from silint.limits import EXACT_LIMITS, NO_LIMITS, Limits
 from silint.plan import Part, Plan
 from silint.scene import Scene
 from silint.sh import MAX_DEGREE

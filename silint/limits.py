@@ -18,7 +18,6 @@ __all__ = [
     "FALLOFFS",
     "LEAST_RADIAL_SPREAD",
     "LEAST_SPREAD",
-    "LINES_OF_FALLOFF",
     "NO_LIMITS",
     "Limits",
     "refuse_limits",
@@ -35,9 +34,6 @@ LEAST_RADIAL_SPREAD = 4.0
 
 # Below this rounding shows: it is 1e-8 of a fraction here, and grows as spread ** -2.
 LEAST_SPREAD = 1e-3
-
-# Lines for each isoline where surfaces fall off with distance, as each of them takes one radius.
-LINES_OF_FALLOFF = 4
 
 
 @dataclass(frozen=True)

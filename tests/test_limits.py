@@ -725,12 +725,7 @@ def test_limits_are_values() -> None:
     ("scene", "limits", "built", "told"),
     [
         (cluttered, {"max_distance": 0.3}, {"max distance"}, "0.3"),
-        (
-            cluttered,
-            {"max_distance": "40%"},
-            {"max distance", "sphere search"},
-            "contour edges that come nearer",
-        ),
+        (cluttered, {"max_distance": "40%"}, {"max distance"}, "nearer than"),
         (cluttered, {"max_distance": "150%"}, set(), "the scene ends within"),
         (leaves, {"max_distance": 1.0}, {"max distance"}, "faces and boxes nearer than 1"),
         (cluttered, {"max_distance": 2.0, "falloff": "linear"}, {"max distance", "falloff"}, "nearer than 2"),

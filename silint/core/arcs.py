@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from silint.core.along import N_AXIS, faces_along, set_axis
 from silint.core.arc_edges import N_LANE_FIELDS, direct_edges, half_turn, passes_through, turns_left
@@ -20,7 +20,7 @@ from silint.core.ball import ball_of, clip_to_ball, closed_places, near_faces, w
 from silint.core.ball_arcs import cut_faces, face_circle
 from silint.core.boundary import place_arcs
 from silint.core.contour import CONTOURS, CROSSINGS, decide_contours, plane_side, side_rounding
-from silint.core.jit import INNER, PARALLEL
+from silint.core.jit import BLOCK, INNER
 from silint.core.lanes import WIDTH
 from silint.core.radial import azimuth, in_frame, local_vertex, set_frame
 from silint.core.search import N_POINT, N_TILE, TILE, new_search, search_tile, set_point, set_tile
@@ -238,24 +238,52 @@ def _sweep_point(
             return sweep, room, scratch, found, crossings, which if sound > 0 else 0
 
 
-@njit(**INNER)
-def _arcs_of_tiles(
+@njit(**BLOCK)
+def boundary_arcs(
     geometry,
-    trees,
+    contour,
+    boundary,
     faces,
     points,
     normals,
     reach,
-    first,
-    last,
+    per_block,
     counts,
     starts,
     frames,
-    directions,
-    ids,
+    all_directions,
+    all_edges,
+    needed,
     tally,
+    block,
 ):
-    """Arcs of the points [first, last), tile by tile; those beyond the room for them are only counted."""
+    """Boundary arcs of what a block of shade points see.
+
+    Parameters
+    ----------
+    geometry : Topology
+    contour, boundary : EdgeBundles
+        Of ordinary edges, and of all others.
+    faces : FaceBundles
+    points, normals : (n, 3) float64
+        In scaled units and already displaced, in tile order; unit normals.
+    reach : float or None
+        Nothing blocks from this distance on. Faces have to have their corners then.
+    per_block : int
+        Points of a block, a multiple of TILE.
+    counts, starts : (n,) int64, out
+        Arcs of each point, and the first row of them within its block.
+    frames : (n,) int8, out
+        1, 2 where the first contradicted itself, 0 where the second did too.
+    all_directions, all_edges : (blocks, capacity, 9 or 10) float64, (blocks, capacity, 2) int32, out
+        See Arcs, 10 with a reach; tightly packed within a block.
+    needed : (blocks,) int64, out
+        Arcs of each block, or a little more; where that exceeds the capacity, not all of them are written.
+    tally : (n, N_TALLY) int64, zero, out
+    block : int
+    """
+    first, last = block * per_block, min((block + 1) * per_block, len(points))
+    directions, ids, trees = all_directions[block], all_edges[block], (contour, boundary)
     frame, tile = np.empty((3, 3)), np.empty(N_TILE, np.float32)
     q, no_lines = np.empty((TILE, N_POINT), np.float32), np.empty((0, 2), np.float32)
     # Not literals, for which everything would be compiled again.
@@ -277,7 +305,7 @@ def _arcs_of_tiles(
             set_frame(n, frame)
             across, over = (frame[0, 0], frame[0, 1], frame[0, 2]), (frame[1, 0], frame[1, 1], frame[1, 2])
             set_point(p, n, across, over, _EVERYWHERE, tile, q[i - tile_first], farthest)
-        search = search_tile(search, trees, tile, q[:n_points], no_lines, tally[tile_first:tile_last])
+        search = search_tile(search, trees, tile, q[:n_points], no_lines, tally[tile_first:tile_last], reach)
         if reach is not None:
             ball = near_faces(ball, faces, tile, q[:n_points], tally[tile_first])
         for i in range(tile_first, tile_last):
@@ -350,75 +378,4 @@ def _arcs_of_tiles(
                 )
             counts[i], starts[i] = end - n_found, n_found
             n_found = end
-    return n_found
-
-
-@njit(**PARALLEL)
-def boundary_arcs(
-    geometry,
-    contour,
-    boundary,
-    faces,
-    points,
-    normals,
-    reach,
-    hands,
-    per_block,
-    counts,
-    starts,
-    frames,
-    directions,
-    edges,
-    needed,
-    tally,
-):
-    """Boundary arcs of what many shade points see.
-
-    Parameters
-    ----------
-    geometry : Topology
-    contour, boundary : EdgeBundles
-        Of ordinary edges, and of all others.
-    faces : FaceBundles
-    points, normals : (n, 3) float64
-        In scaled units and already displaced, in tile order; unit normals.
-    reach : float or None
-        Nothing blocks from this distance on. Faces have to have their corners then.
-    hands : int
-        The number of threads; nothing but the time depends on it.
-    per_block : int
-        Points of a block, a multiple of TILE.
-    counts, starts : (n,) int64, out
-        Arcs of each point, and the first row of them within its block.
-    frames : (n,) int8, out
-        1, 2 where the first contradicted itself, 0 where the second did too.
-    directions, edges : (blocks, capacity, 9 or 10) float64, (blocks, capacity, 2) int32, out
-        See Arcs, 10 with a reach; tightly packed within a block.
-    needed : (blocks,) int64, out
-        Arcs of each block, or a little more; where that exceeds the capacity, not all of them are written.
-    tally : (n, N_TALLY) int64, zero, out
-    """
-    n, n_blocks = len(points), len(directions)
-    # A thread gets a run of the loop: blocks are dealt out like cards, since neighbours cost alike.
-    share = (n_blocks + hands - 1) // hands
-    for i in prange(share * hands):
-        block = i % share * hands + i // share
-        if block >= n_blocks:
-            continue
-        first, last = block * per_block, min((block + 1) * per_block, n)
-        needed[block] = _arcs_of_tiles(
-            geometry,
-            (contour, boundary),
-            faces,
-            points,
-            normals,
-            reach,
-            first,
-            last,
-            counts,
-            starts,
-            frames,
-            directions[block],
-            edges[block],
-            tally,
-        )
+    needed[block] = n_found

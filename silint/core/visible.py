@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads
 
 from silint.core.arcs import boundary_arcs
 from silint.core.arcs_types import Arcs
@@ -261,13 +260,14 @@ def find_arcs(
     blocks, capacity = -(-n // per_block), room.directions.shape[1]
     counts, starts, frames = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int8)
     needed, tally = np.zeros(blocks, np.int64), np.zeros((n, N_TALLY), np.int64)
-    boundary_arcs(
+    each_block(
+        boundary_arcs,
+        blocks,
         geometry,
         *bundles,
         points,
         normals,
         reach,
-        get_num_threads(),
         per_block,
         counts,
         starts,
