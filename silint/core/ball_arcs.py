@@ -34,7 +34,7 @@ from silint.core.ball_hits import comes_inside, edge_row, is_inside
 from silint.core.contour import plane_side
 from silint.core.jit import INNER
 from silint.core.radial import azimuth, in_frame
-from silint.core.small_circle import height_on
+from silint.core.small_circle import angle_on, circle_about, cross, direction_on, dot, height_on
 
 # Ends of pieces: direction, azimuth, angle about the circle's axis, tie, and whether above the horizon.
 _X, _Y, _Z, _KEY, _ANGLE, _TIE, _UP = range(N_END)
@@ -71,52 +71,15 @@ def _wrap(angle):
 
 
 @njit(**INNER)
-def _basis(axis):
-    """A unit vector across the axis."""
-    x, y, z = axis
-    u, v, w = abs(x), abs(y), abs(z)
-    if u <= v and u <= w:
-        s = 1.0 / np.sqrt(y * y + z * z)
-        return 0.0, s * z, -s * y
-    if v <= w:
-        s = 1.0 / np.sqrt(x * x + z * z)
-        return -s * z, 0.0, s * x
-    s = 1.0 / np.sqrt(x * x + y * y)
-    return s * y, -s * x, 0.0
-
-
-@njit(**INNER)
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(**INNER)
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(**INNER)
-def _at(angle, axis, c, first, second):
-    """Direction of the circle at an angle about its axis."""
-    rho = np.sqrt((1.0 - c) * (1.0 + c))
-    u, v = rho * np.cos(angle), rho * np.sin(angle)
-    return (
-        c * axis[0] + u * first[0] + v * second[0],
-        c * axis[1] + u * first[1] + v * second[1],
-        c * axis[2] + u * first[2] + v * second[2],
-    )
-
-
-@njit(**INNER)
 def _set_end(ends, i, w, angle, tie, up):
     ends[i, _X], ends[i, _Y], ends[i, _Z], ends[i, _KEY] = w[0], w[1], w[2], azimuth(w[0], w[1])
     ends[i, _ANGLE], ends[i, _TIE], ends[i, _UP] = angle, tie, 1.0 if up else 0.0
 
 
 @njit(**INNER)
-def _add_end(ends, n_ends, w, first, second, start, turn, tie, normal):
+def _add_end(ends, n_ends, w, circle, begin, turn, tie, normal):
     """Insert a direction among the ends of an arc, if it lies on it; ends stay sorted by angle."""
-    angle = _wrap(azimuth(_dot(w, first), _dot(w, second)) - start)
+    angle = _wrap(angle_on(circle, w) - begin)
     if not 0.0 < angle < turn:
         return n_ends
     i = n_ends
@@ -124,15 +87,17 @@ def _add_end(ends, n_ends, w, first, second, start, turn, tie, normal):
         for k in range(N_END):
             ends[i, k] = ends[i - 1, k]
         i -= 1
-    _set_end(ends, i, w, angle, tie, _dot(w, normal) > 0.0)
+    _set_end(ends, i, w, angle, tie, dot(w, normal) > 0.0)
     return n_ends + 1
 
 
 @njit(**INNER)
-def _add_turns(ends, n_ends, axis, c, first, second, start, turn, tie, normal):
+def _add_turns(ends, n_ends, circle, begin, turn, tie, normal):
     """Ends where azimuth turns back on the circle; or four of them, if it goes round."""
-    across = np.sqrt(axis[0] * axis[0] + axis[1] * axis[1])
+    axis, c = circle.axis, circle.c
     if abs(axis[2]) < c:
+        # Where the half-plane touches the circle: |(B, N_A)| = c.
+        across = np.sqrt(axis[0] * axis[0] + axis[1] * axis[1])
         b = np.sqrt((c - axis[2]) * (c + axis[2]))
         k = b / across if b < across else 1.0
         rest = np.sqrt((1.0 - k) * (1.0 + k))
@@ -140,41 +105,60 @@ def _add_turns(ends, n_ends, axis, c, first, second, start, turn, tie, normal):
             s = rest if i == 0 else -rest
             x, y = (k * axis[0] - s * axis[1]) / across, (k * axis[1] + s * axis[0]) / across
             w = b * x / c, b * y / c, axis[2] / c
-            n_ends = _add_end(ends, n_ends, w, first, second, start, turn, tie + i, normal)
+            n_ends = _add_end(ends, n_ends, w, circle, begin, turn, tie + i, normal)
         return n_ends
     sign = 1.0 if axis[2] > 0.0 else -1.0
-    up, d = (sign * axis[0], sign * axis[1], sign * axis[2]), sign * c
+    up = sign * axis[0], sign * axis[1], sign * axis[2]
     for i in range(4):
         x, y = 1.0 if i < 2 else -1.0, 1.0 if i % 2 == 0 else -1.0
-        a = height_on(up, d, x, y)
+        a = height_on(up, sign * c, x, y)
         s = 1.0 / np.sqrt(2.0 + a * a)
-        w = s * x, s * y, s * a
-        n_ends = _add_end(ends, n_ends, w, first, second, start, turn, tie + i, normal)
+        n_ends = _add_end(ends, n_ends, (s * x, s * y, s * a), circle, begin, turn, tie + i, normal)
     return n_ends
 
 
 @njit(**INNER)
-def _emit(ends, i, j, axis, c, first, second, f, begin, offsets, sweep, count):
+def _cut_long(ends, n_ends, circle, begin, tie, normal):
+    """Cut pieces that are longer than _LONGEST about their axis; the number of ends and the next tie."""
+    i = 0
+    while i + 1 < n_ends:
+        length = ends[i + 1, _ANGLE] - ends[i, _ANGLE]
+        parts = int(length / _LONGEST) + 1
+        for _ in range(1, parts):
+            angle = ends[i, _ANGLE] + length / parts
+            for j in range(n_ends, i + 1, -1):
+                for k in range(N_END):
+                    ends[j, k] = ends[j - 1, k]
+            w = direction_on(circle, begin + angle)
+            i += 1
+            _set_end(ends, i, w, angle, tie, dot(w, normal) > 0.0)
+            n_ends += 1
+            tie += 1
+        i += 1
+    return n_ends, tie
+
+
+@njit(**INNER)
+def _emit(ends, i, j, circle, begin, f, offsets, sweep, count):
     """Append the piece from end i to end j, with the axis on its left, as edge `count`."""
     if count >= len(sweep.edges):
         return count + 1
     edges, circles, state, key, tie = sweep.edges, sweep.circles, sweep.state, sweep.key, sweep.tie
-    x, y, z = _at(begin + 0.5 * (ends[i, _ANGLE] + ends[j, _ANGLE]), axis, c, first, second)
-    t, m, _ = _cross(axis, (x, y, z))
+    w = direction_on(circle, begin + 0.5 * (ends[i, _ANGLE] + ends[j, _ANGLE]))
+    t, m, _ = cross(circle.axis, w)
     key_i, key_j = ends[i, _KEY], ends[j, _KEY]
     tie_i, tie_j = int(ends[i, _TIE]), int(ends[j, _TIE])
-    left = runs_left(x * m - y * t > 0.0, key_i, key_j, tie_i, tie_j)
+    left = runs_left(w[0] * m - w[1] * t > 0.0, key_i, key_j, tie_i, tie_j)
     sign, a, b = (1.0, i, j) if left else (-1.0, j, i)
+    x, y, z = circle.axis
+    edges[count, NORMAL], edges[count, NORMAL + 1], edges[count, NORMAL + 2] = sign * x, sign * y, sign * z
+    offsets[count] = sign * circle.c
     for k in range(3):
-        edges[count, NORMAL + k] = sign * axis[k]
         edges[count, START + k], edges[count, END + k] = ends[a, k], ends[b, k]
-    offsets[count] = sign * c
     circles[count, ALONG], circles[count, ACROSS] = 0.0, 0.0
     edges[count, LOW], edges[count, HIGH], edges[count, STEEP] = -np.inf, np.inf, 0.0
     if is_narrow(key_i, key_j):
-        cot_i = ends[i, _Z] / np.sqrt(ends[i, _X] ** 2 + ends[i, _Y] ** 2)
-        cot_j = ends[j, _Z] / np.sqrt(ends[j, _X] ** 2 + ends[j, _Y] ** 2)
-        cot = z / np.sqrt(x * x + y * y)
+        cot_i, cot_j, cot = _cot(ends[i]), _cot(ends[j]), w[2] / np.sqrt(w[0] * w[0] + w[1] * w[1])
         edges[count, LOW], edges[count, HIGH] = min(cot_i, cot_j, cot), max(cot_i, cot_j, cot)
     # The face is on the left, towards the axis of the frame, if the piece runs as it did.
     state[count, GAIN] = -1 if left else 1
@@ -186,69 +170,53 @@ def _emit(ends, i, j, axis, c, first, second, f, begin, offsets, sweep, count):
 
 
 @njit(**INNER)
-def _emit_above(ends, i, axis, c, first, second, begin, normal, f, n_closed, offsets, sweep, count):
-    """Append what of the piece from end i to end i + 1 lies above the horizon."""
-    level, u, v = c * _dot(axis, normal), _dot(first, normal), _dot(second, normal)
-    swing = np.sqrt((1.0 - c) * (1.0 + c) * (u * u + v * v))
-    dips = abs(level) < swing
-    up_i, up_j = ends[i, _UP] > 0.0, ends[i + 1, _UP] > 0.0
-    # Not literals, for which everything would be compiled again.
-    i, j, spare, other = np.int64(i), np.int64(i + 1), np.int64(MOST_ENDS), np.int64(MOST_ENDS + 1)
-    if up_i and up_j and not dips:
-        return _emit(ends, i, j, axis, c, first, second, f, begin, offsets, sweep, count)
-    if not up_i and not up_j and not dips:
-        return count
-    # n.w = level + swing cos(angle - top) falls through 0 at top + half, and rises through it at top - half.
-    start = begin + ends[i, _ANGLE]
-    length = ends[j, _ANGLE] - ends[i, _ANGLE]
-    half = np.arccos(min(max(-level / swing, -1.0), 1.0)) if swing > 0.0 else 0.0
-    top = azimuth(u, v) - start
-    falls, rises = _wrap(top + half), _wrap(top - half)
-    if up_i == up_j:
-        if falls >= length or rises >= length or (falls < rises) != up_i:
-            return (
-                _emit(ends, i, j, axis, c, first, second, f, begin, offsets, sweep, count) if up_i else count
-            )
-    elif up_i:
-        falls = falls if falls < length else (length if falls - length < _TWO_PI - falls else 0.0)
-    else:
-        rises = rises if rises < length else (length if rises - length < _TWO_PI - rises else 0.0)
-    if up_i:
-        w = _at(start + falls, axis, c, first, second)
-        _set_end(ends, spare, w, ends[i, _ANGLE] + falls, n_closed + count, False)
-        count = _emit(ends, i, spare, axis, c, first, second, f, begin, offsets, sweep, count)
-    if up_j:
-        w = _at(start + rises, axis, c, first, second)
-        _set_end(ends, spare, w, ends[i, _ANGLE] + rises, n_closed + count, False)
-        count = _emit(ends, spare, j, axis, c, first, second, f, begin, offsets, sweep, count)
-    if not up_i and not up_j:
-        w = _at(start + rises, axis, c, first, second)
-        _set_end(ends, spare, w, ends[i, _ANGLE] + rises, n_closed + count, False)
-        w = _at(start + falls, axis, c, first, second)
-        _set_end(ends, other, w, ends[i, _ANGLE] + falls, n_closed + count, False)
-        count = _emit(ends, spare, other, axis, c, first, second, f, begin, offsets, sweep, count)
-    return count
+def _cot(end):
+    """cot(theta) at an end."""
+    return end[_Z] / np.sqrt(end[_X] * end[_X] + end[_Y] * end[_Y])
 
 
 @njit(**INNER)
-def _cut_long(ends, n_ends, axis, c, first, second, begin, tie, normal):
-    """Cut pieces that are longer than _LONGEST about their axis; the number of ends and the next tie."""
-    i = 0
-    while i + 1 < n_ends:
-        length = ends[i + 1, _ANGLE] - ends[i, _ANGLE]
-        parts = int(length / _LONGEST) + 1
-        for _ in range(1, parts):
-            angle = ends[i, _ANGLE] + length / parts
-            for j in range(n_ends, i + 1, -1):
-                for k in range(N_END):
-                    ends[j, k] = ends[j - 1, k]
-            w = _at(begin + angle, axis, c, first, second)
-            i += 1
-            _set_end(ends, i, w, angle, tie, _dot(w, normal) > 0.0)
-            n_ends += 1
-            tie += 1
-        i += 1
-    return n_ends, tie
+def _put_horizon(ends, row, circle, begin, angle, tie):
+    """Write where an arc meets the horizon, as an end."""
+    _set_end(ends, row, direction_on(circle, begin + angle), angle, tie, False)
+
+
+@njit(**INNER)
+def _emit_above(ends, i, circle, begin, normal, f, n_closed, offsets, sweep, count):
+    """Append what of the piece from end i to end i + 1 lies above the horizon.
+
+    On the circle n.w = level + swing cos(angle - top), which falls through 0 at top + half and rises through
+    it at top - half. Whether the ends lie above is known, and the same for all that meets there.
+    """
+    # Not literals, for which everything would be compiled again.
+    i, j, spare, other = np.int64(i), np.int64(i + 1), np.int64(MOST_ENDS), np.int64(MOST_ENDS + 1)
+    up_i, up_j = ends[i, _UP] > 0.0, ends[j, _UP] > 0.0
+    c, u, v = circle.c, dot(circle.first, normal), dot(circle.second, normal)
+    level = c * dot(circle.axis, normal)
+    swing = np.sqrt((1.0 - c) * (1.0 + c) * (u * u + v * v))
+    half = np.arccos(min(max(-level / swing, -1.0), 1.0)) if swing > 0.0 else 0.0
+    before, length = ends[i, _ANGLE], ends[j, _ANGLE] - ends[i, _ANGLE]
+    top = azimuth(u, v) - begin - before
+    falls, rises = _wrap(top + half), _wrap(top - half)
+    if up_i == up_j:
+        crosses = abs(level) < swing and falls < length and rises < length and (falls < rises) == up_i
+        if not crosses:
+            return _emit(ends, i, j, circle, begin, f, offsets, sweep, count) if up_i else count
+    elif up_i and falls > length:
+        falls = length if falls - length < _TWO_PI - falls else 0.0
+    elif up_j and rises > length:
+        rises = length if rises - length < _TWO_PI - rises else 0.0
+    if up_i:
+        _put_horizon(ends, spare, circle, begin, before + falls, n_closed + count)
+        count = _emit(ends, i, spare, circle, begin, f, offsets, sweep, count)
+    if up_j:
+        _put_horizon(ends, spare, circle, begin, before + rises, n_closed + count)
+        count = _emit(ends, spare, j, circle, begin, f, offsets, sweep, count)
+    if not up_i and not up_j:
+        _put_horizon(ends, spare, circle, begin, before + rises, n_closed + count)
+        _put_horizon(ends, other, circle, begin, before + falls, n_closed + count)
+        count = _emit(ends, spare, other, circle, begin, f, offsets, sweep, count)
+    return count
 
 
 @njit(**INNER)
@@ -258,7 +226,7 @@ def _walk_round(faces, f, p, vertices, reach, hits, n_rows, around):
     Returns
     -------
     number : int
-        Of hits; -1 where the whole face lies inside the ball, or none of its edges does.
+        Of hits; 0 where no edge comes inside the ball, -1 where all of the face lies there.
     n_rows : int
     """
     inside, touched = 0, False
@@ -295,7 +263,7 @@ def _turn_between(start, end, angle_start, angle_end, axis, places, frame):
     z = places[start, 2] - places[end, 2]
     along = in_frame(x, y, z, frame)
     here = in_frame(places[end, 0], places[end, 1], places[end, 2], frame)
-    whole = _dot(axis, _cross(here, along)) > 0.0
+    whole = dot(axis, cross(here, along)) > 0.0
     if whole:
         return turn if turn > np.pi else _TWO_PI
     return turn if turn < np.pi else 0.0
@@ -309,7 +277,7 @@ def _holds(faces, f, axis, p, vertices, frame):
         a, b = faces[f, i], faces[f, (i + 1) % 3]
         u = in_frame(vertices[a, 0] - p[0], vertices[a, 1] - p[1], vertices[a, 2] - p[2], frame)
         v = in_frame(vertices[b, 0] - p[0], vertices[b, 1] - p[1], vertices[b, 2] - p[2], frame)
-        signs += 1 if _dot(axis, _cross(u, v)) > 0.0 else -1
+        signs += 1 if dot(axis, cross(u, v)) > 0.0 else -1
     return abs(signs) == 3
 
 
@@ -347,28 +315,14 @@ def cut_faces(geometry, ball, n_faces, n_rows, p, n, frame, rounding, sweep, cou
         )
         if number == 0 and (c >= 1.0 or not _holds(faces, f, axis, p, vertices, frame)):
             continue
-        first = _basis(axis)
-        second, tie = _cross(axis, first), n_hits + ENDS_OF_FACE * i
-        spare = tie + 4
+        circle, tie = circle_about(axis, c), n_hits + ENDS_OF_FACE * i
+        spare = tie + 4  # after those of `_add_turns`
         if number == 0:
-            w = _at(0.0, axis, c, first, second)
-            _set_end(ends, 0, w, 0.0, spare, _dot(w, normal) > 0.0)
-            _set_end(ends, 1, w, _TWO_PI, spare, _dot(w, normal) > 0.0)
+            w = direction_on(circle, 0.0)
+            _set_end(ends, 0, w, 0.0, spare, dot(w, normal) > 0.0)
+            _set_end(ends, 1, w, _TWO_PI, spare, dot(w, normal) > 0.0)
             count, spare = _place(
-                ends,
-                axis,
-                c,
-                first,
-                second,
-                0.0,
-                normal,
-                f,
-                tie,
-                spare + 1,
-                n_closed,
-                ball.offsets,
-                sweep,
-                count,
+                ends, circle, 0.0, normal, f, tie, spare + 1, n_closed, ball.offsets, sweep, count
             )
             continue
         for j in range(number):
@@ -379,47 +333,36 @@ def cut_faces(geometry, ball, n_faces, n_rows, p, n, frame, rounding, sweep, cou
             start, end = around[j, 0], around[(j + 1) % number, 0]
             if front:
                 start, end = end, start
-            x, y, z = hits.places[start, 0], hits.places[start, 1], hits.places[start, 2]
-            u = in_frame(x, y, z, frame)
-            begin = azimuth(_dot(u, first), _dot(u, second))
-            s = 1.0 / np.sqrt(_dot(u, u))
-            _set_end(ends, 0, (s * u[0], s * u[1], s * u[2]), 0.0, n_vertices + start, False)
-            ends[0, _KEY], ends[0, _UP] = azimuth(u[0], u[1]), n[0] * x + n[1] * y + n[2] * z > 0.0
-            x, y, z = hits.places[end, 0], hits.places[end, 1], hits.places[end, 2]
-            u = in_frame(x, y, z, frame)
-            turn = _turn_between(
-                start, end, begin, azimuth(_dot(u, first), _dot(u, second)), axis, hits.places, frame
-            )
-            s = 1.0 / np.sqrt(_dot(u, u))
-            _set_end(ends, 1, (s * u[0], s * u[1], s * u[2]), turn, n_vertices + end, False)
-            ends[1, _KEY], ends[1, _UP] = azimuth(u[0], u[1]), n[0] * x + n[1] * y + n[2] * z > 0.0
+            begin = _put_hit(ends, 0, start, n_vertices, circle, hits.places, n, frame)
+            turn = _put_hit(ends, 1, end, n_vertices, circle, hits.places, n, frame)
+            turn = _turn_between(start, end, begin, turn, axis, hits.places, frame)
+            ends[0, _ANGLE], ends[1, _ANGLE] = 0.0, turn
             count, spare = _place(
-                ends,
-                axis,
-                c,
-                first,
-                second,
-                begin,
-                normal,
-                f,
-                tie,
-                spare,
-                n_closed,
-                ball.offsets,
-                sweep,
-                count,
+                ends, circle, begin, normal, f, tie, spare, n_closed, ball.offsets, sweep, count
             )
     return count, n_rows
 
 
 @njit(**INNER)
-def _place(ends, axis, c, first, second, begin, normal, f, tie, spare, n_closed, offsets, sweep, count):
+def _put_hit(ends, row, hit, n_vertices, circle, places, n, frame):
+    """Write where an edge leaves the ball as an end; its angle on the circle.
+
+    Azimuth and height are those that `arc_edges` finds for the edge, bit for bit.
+    """
+    x, y, z = places[hit, 0], places[hit, 1], places[hit, 2]
+    w = in_frame(x, y, z, frame)
+    s = 1.0 / np.sqrt(dot(w, w))
+    up = n[0] * x + n[1] * y + n[2] * z > 0.0
+    _set_end(ends, row, (s * w[0], s * w[1], s * w[2]), 0.0, n_vertices + hit, up)
+    ends[row, _KEY] = azimuth(w[0], w[1])
+    return angle_on(circle, w)
+
+
+@njit(**INNER)
+def _place(ends, circle, begin, normal, f, tie, spare, n_closed, offsets, sweep, count):
     """Append the arc between the first two ends, in pieces; the number of edges and the next spare tie."""
-    turn = ends[1, _ANGLE]
-    n_ends = _add_turns(ends, 2, axis, c, first, second, begin, turn, tie, normal)
-    n_ends, spare = _cut_long(ends, n_ends, axis, c, first, second, begin, spare, normal)
+    n_ends = _add_turns(ends, 2, circle, begin, ends[1, _ANGLE], tie, normal)
+    n_ends, spare = _cut_long(ends, n_ends, circle, begin, spare, normal)
     for i in range(n_ends - 1):
-        count = _emit_above(
-            ends, i, axis, c, first, second, begin, normal, f, n_closed, offsets, sweep, count
-        )
+        count = _emit_above(ends, i, circle, begin, normal, f, n_closed, offsets, sweep, count)
     return count, spare

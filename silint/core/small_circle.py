@@ -13,14 +13,74 @@ the other way, and with -N and -c this one). A great circle has c = 0.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from silint.core.jit import INNER
+from silint.core.radial import azimuth
 
 # Sine squared of the angle between planes whose circles count as one.
 _SAME = 1e-28
 _LEAST = 1e-300
+
+
+class Circle(NamedTuple):
+    """A circle N.w = c with angles about its axis N, counted to its left, from `first` on."""
+
+    axis: tuple[float, float, float]
+    c: float
+    first: tuple[float, float, float]
+    second: tuple[float, float, float]
+
+
+@njit(**INNER)
+def dot(a, b):
+    """a . b of tuples."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**INNER)
+def cross(a, b):
+    """a x b of tuples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**INNER)
+def circle_about(axis, c):
+    """The circle with angles from somewhere on."""
+    x, y, z = axis
+    u, v, w = abs(x), abs(y), abs(z)
+    if u <= v and u <= w:
+        s = 1.0 / np.sqrt(y * y + z * z)
+        first = 0.0, s * z, -s * y
+    elif v <= w:
+        s = 1.0 / np.sqrt(x * x + z * z)
+        first = -s * z, 0.0, s * x
+    else:
+        s = 1.0 / np.sqrt(x * x + y * y)
+        first = s * y, -s * x, 0.0
+    return Circle(axis, c, first, cross(axis, first))
+
+
+@njit(**INNER)
+def angle_on(circle, w):
+    """Angle of a direction about the axis, in [0, 2 pi]."""
+    return azimuth(dot(w, circle.first), dot(w, circle.second))
+
+
+@njit(**INNER)
+def direction_on(circle, angle):
+    """Direction of the circle at an angle about its axis."""
+    axis, first, second, c = circle.axis, circle.first, circle.second, circle.c
+    rho = np.sqrt((1.0 - c) * (1.0 + c))
+    u, v = rho * np.cos(angle), rho * np.sin(angle)
+    return (
+        c * axis[0] + u * first[0] + v * second[0],
+        c * axis[1] + u * first[1] + v * second[1],
+        c * axis[2] + u * first[2] + v * second[2],
+    )
 
 
 @njit(**INNER)
