@@ -84,14 +84,15 @@ def evaluate(n_active, n_narrow, x, y, whole, real, edges, state, ball):
     for k in range(n_active):
         real[VALUE, k] = real[ALONG_T, k] * x + real[ACROSS_M, k] * y
     if n_narrow > 0:
-        if ball is not None:
-            for k in range(n_active):
-                e = whole[EDGE, k]
-                if state[e, NARROW] == ROUND:
-                    real[VALUE, k] = height_on(axis_of(e, edges), ball.offsets[e], x, y)
         r = np.sqrt(x * x + y * y)
         for k in range(n_active):
-            real[VALUE, k] = within(whole[EDGE, k], real[VALUE, k], r, edges)
+            e = whole[EDGE, k]
+            if state[e, NARROW] == 0:
+                continue
+            if ball is not None:
+                if state[e, NARROW] == ROUND:
+                    real[VALUE, k] = height_on(axis_of(e, edges), ball.offsets[e], x, y)
+            real[VALUE, k] = within(e, real[VALUE, k], r, edges)
 
 
 @njit(**INNER)
