@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_SIDE = 1e-7
+_SIDE = 1e-9
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 

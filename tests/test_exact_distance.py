@@ -144,6 +144,22 @@ def test_the_oracle_agrees(name: str, R: float) -> None:
     np.testing.assert_allclose(exact(sil, p, n, R), expected, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.parametrize("turn", np.linspace(0.0, 6.0, 5))
+def test_an_edge_crosses_a_circle_twice_between_two_events(turn: float) -> None:
+    """A wall cuts a sliver off the disc in which a ceiling is near; neither begins or ends there."""
+    c, s = np.cos(turn), np.sin(turn)
+    wall = np.array([[-0.7, 0.65, 0.1], [0.7, 0.65, 0.1], [0.7, 0.65, 0.9], [-0.7, 0.65, 0.9]])
+    wall = wall @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    ceiling = np.array([[-9, -9, 1], [9, -9, 1], [9, 9, 1], [-9, 9, 1]], float)
+    vertices = np.concatenate([wall, ceiling])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    sil = SilhouetteIntegrator(Scene(vertices, faces))
+    p = np.array([[0.011, -0.007, 0.003]])
+    lifted = np.ldexp(sil._finder.shade_points(p, UP)[0], sil.scene.welding.exponent)
+    expected = ball_oracle.integrals(vertices, faces, lifted[0], UP[0], 1.25)
+    np.testing.assert_allclose(exact(sil, p, UP, 1.25)[0], expected, rtol=0, atol=ROUNDING)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_the_oracle_agrees_on_many(seed: int) -> None:

@@ -11,7 +11,8 @@ limits      caps (what of a line is near, in a cone, over the ground); of the sw
             whose small_circle pieces the sweep takes as edges
 integrands  integrands/: radial, radial_sh in closed form along lines; arcs, arcs_cone, arcs_ball,
             arcs_sh along arcs, and their derivatives arcs_gradient, arcs_sh_gradient; fractions,
-            octahedral_sh, light, masked_light, basis by tables (prefix_table of functions, texel_table of maps with texel_scatter;
-            sh, sh_rotation, equirect, texel_clip, cie_sky); radial_light by cells of a map (sky_map)
+            octahedral_sh, light, masked_light, basis by tables (prefix_table of functions, texel_table of
+            maps with texel_scatter; sh, sh_rotation, equirect, texel_clip, cie_sky); radial_light by cells
+            of a map (sky_map)
 bakes       uv_cover (texels to triangles), scattered (interpolation between points)
 """

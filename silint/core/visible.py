@@ -54,8 +54,8 @@ class VisibleIntervals(NamedTuple):
 # only ratios matter.
 _SWEEP_COST = np.array([0.0, 6.0, 40.0, 52.0, 0.0, 750.0])
 _COVER_COST = np.array([59.0, 27.0, 0.0, 30.0, 0.0, 120.0])
-# Lines with distances of their own take longer over what they sweep: counts alone tell 0.5 to 1.3 times what a
-# falloff costs, and of covering 1.3 times (five scenes at 2 to 50 % of their diagonals).
+# Lines with distances of their own take longer over what they sweep: counts alone tell 0.5 to 1.3 times what
+# a falloff costs, and of covering 1.3 times (five scenes at 2 to 50 % of their diagonals).
 _FALLOFF_SWEEP = 1.6
 # What covering costs at least: the front layer of a simple scene.
 _LEAST_COVER = 25e3
