@@ -144,6 +144,20 @@ def test_the_oracle_agrees(name: str, R: float) -> None:
     np.testing.assert_allclose(exact(sil, p, n, R), expected, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.parametrize("share", [0.0, 1e-15, -1e-15, 1e-14, 1e-13, 1e-12, -1e-12, 1e-10])
+def test_a_circle_that_all_but_touches_the_edges_of_a_square(share: float) -> None:
+    """Edges that leave the ball twice in one place hide slivers of the disc, not all of it."""
+    vertices = np.array([[-0.5, -0.5, 1], [0.5, -0.5, 1], [0.5, 0.5, 1], [-0.5, 0.5, 1]])
+    sil = SilhouetteIntegrator(Scene(vertices, [[0, 1, 2], [0, 2, 3]]))
+    x, y, z = np.ldexp(sil._finder.shade_points(ORIGIN, UP)[0], sil.scene.welding.exponent)[0]
+    h = 1.0 - z
+    assert x == y == 0.0
+    square = 0.25 * (1.0 + share)
+    found = exact(sil, ORIGIN, UP, float(np.sqrt(h * h + square)))[0]
+    q = h / np.sqrt(h * h + 0.25)
+    np.testing.assert_allclose(found, [q * q, q, 0, 0, 2 / 3 * q**3], rtol=0, atol=2e-9)
+
+
 @pytest.mark.parametrize("turn", np.linspace(0.0, 6.0, 5))
 def test_an_edge_crosses_a_circle_twice_between_two_events(turn: float) -> None:
     """A wall cuts a sliver off the disc in which a ceiling is near; neither begins or ends there."""
