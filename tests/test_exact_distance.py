@@ -158,6 +158,19 @@ def test_a_circle_that_all_but_touches_the_edges_of_a_square(share: float) -> No
     np.testing.assert_allclose(found, [q * q, q, 0, 0, 2 / 3 * q**3], rtol=0, atol=2e-9)
 
 
+@pytest.mark.parametrize("share", [1e-15, 1e-14, 1e-13, 1e-12])
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_circle_that_all_but_touches_one_edge(share: float, inside: bool) -> None:
+    """The ball leaves a face twice through one edge: all of its disc but a sliver is hidden, or a sliver."""
+    far = -40.0 if inside else 40.0
+    vertices = np.array([[-30.0, 0.5, 1], [30.0, 0.5, 1], [0.0, far, 1]])
+    sil = SilhouetteIntegrator(Scene(vertices, [[0, 1, 2]]))
+    h = 1.0 - np.ldexp(sil._finder.shade_points(ORIGIN, UP)[0], sil.scene.welding.exponent)[0, 2]
+    found = exact(sil, ORIGIN, UP, float(np.sqrt(h * h + 0.25 * (1.0 + share))))[0]
+    q = h / np.sqrt(h * h + 0.25) if inside else 1.0
+    np.testing.assert_allclose(found, [q * q, q, 0, 0, 2 / 3 * q**3], rtol=0, atol=2e-9)
+
+
 @pytest.mark.parametrize("turn", [0.6, 0.8, 1.0, 1.2, 2.5, 4.0])
 def test_an_edge_crosses_a_circle_twice_between_two_events(turn: float) -> None:
     """A wall cuts a sliver off the disc in which a ceiling is near; neither begins or ends there."""
