@@ -285,17 +285,18 @@ def _sort(whole, real, n_active):
 
 
 @njit(**INNER)
-def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, edges, state, ball, arcs, n):
+def reorder(sweep, ball, n_active, key_0, key_1, x, y, n):
     """Sort the list by falling value; pairs that trade places have crossed by now.
 
     Mostly all of them are hidden in whatever order they cross; then it does not matter where they do.
 
     Parameters
     ----------
+    sweep : Sweep
+        Whose list has values above (x, y).
+    ball : Ball or None
     key_0, key_1 : float
         Azimuths of both events; the second is above (x, y).
-    whole, real, pairs, places, circles, edges, state, ball, arcs
-        Those of the sweep.
     n : int
         Arcs so far.
 
@@ -308,6 +309,8 @@ def reorder(n_active, key_0, key_1, x, y, whole, real, pairs, places, circles, e
     lowest : int
         A bound of W from below, where it has changed.
     """
+    circles, edges, state, arcs = sweep.circles, sweep.edges, sweep.state, sweep.arcs
+    whole, real, pairs, places = sweep.whole, sweep.real, sweep.pairs, sweep.spots
     crossings, blocks = _sort(whole, real, n_active)
     lowest = 0
     for b in range(blocks):

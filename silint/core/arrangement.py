@@ -266,7 +266,7 @@ def sweep_arcs(sweep, ball, n_edges, n_closed, w, normal):
     crossings : int
     """
     edges, circles, state, whole, real = sweep.edges, sweep.circles, sweep.state, sweep.whole, sweep.real
-    pairs, spots, at, code = sweep.pairs, sweep.spots, sweep.places, sweep.codes
+    at, code = sweep.places, sweep.codes
     arcs, n_events, n = sweep.arcs, 2 * n_edges, 0
     _sort_events(sweep, n_events)
     n_active, n_narrow = _first_list(sweep, ball, n_edges)
@@ -294,23 +294,7 @@ def sweep_arcs(sweep, ball, n_edges, n_closed, w, normal):
                 n_stops -= 1
                 x, y = ball.stops[n_stops, 1], ball.stops[n_stops, 2]
                 evaluate(n_active, n_narrow, x, y, whole, real, edges, state, ball)
-                n, crossings, low = reorder(
-                    n_active,
-                    key_0,
-                    stop,
-                    x,
-                    y,
-                    whole,
-                    real,
-                    pairs,
-                    spots,
-                    circles,
-                    edges,
-                    state,
-                    ball,
-                    arcs,
-                    n,
-                )
+                n, crossings, low = reorder(sweep, ball, n_active, key_0, stop, x, y, n)
                 if crossings < 0:
                     return n, -1, 0
                 all_crossings += crossings
@@ -330,23 +314,7 @@ def sweep_arcs(sweep, ball, n_edges, n_closed, w, normal):
             evaluate(n_active, n_narrow, x, y, whole, real, edges, state, ball)
             position = _end_values(first, last, code, z, n_active, whole, real)
             if out_of_order(n_active, real):
-                n, crossings, low = reorder(
-                    n_active,
-                    key_0,
-                    key,
-                    x,
-                    y,
-                    whole,
-                    real,
-                    pairs,
-                    spots,
-                    circles,
-                    edges,
-                    state,
-                    ball,
-                    arcs,
-                    n,
-                )
+                n, crossings, low = reorder(sweep, ball, n_active, key_0, key, x, y, n)
                 if crossings < 0:
                     return n, -1, 0
                 all_crossings += crossings
@@ -441,9 +409,7 @@ def sweep_arcs(sweep, ball, n_edges, n_closed, w, normal):
     evaluate(n_active, 1, 1.0, 0.0, whole, real, edges, state, ball)
     if out_of_order(n_active, real):
         key = 2.0 * np.pi
-        n, crossings, _ = reorder(
-            n_active, key_0, key, 1.0, 0.0, whole, real, pairs, spots, circles, edges, state, ball, arcs, n
-        )
+        n, crossings, _ = reorder(sweep, ball, n_active, key_0, key, 1.0, 0.0, n)
         if crossings < 0:
             return n, -1, 0
         all_crossings += crossings

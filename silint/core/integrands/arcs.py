@@ -25,6 +25,7 @@ from numba import njit, prange
 from silint.core.arcs_types import Arcs
 from silint.core.jit import INNER, PARALLEL
 from silint.core.radial import azimuth
+from silint.core.small_circle import cross, dot
 
 # A sum over 64 arcs is rounded by less than this, over more by more as the square root: measured against
 # sums in extended precision, 7e-16 for 60 arcs and 3e-15 for 1300.
@@ -49,16 +50,6 @@ def arc(directions, row):
     normal = directions[row, 6], directions[row, 7], directions[row, 8]
     chord = directions[row, 3] - a[0], directions[row, 4] - a[1], directions[row, 5] - a[2]
     return a, normal, chord
-
-
-@njit(**INNER)
-def dot(x, y):
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
-@njit(**INNER)
-def cross(x, y):
-    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
 @njit(**INNER)

@@ -13,8 +13,9 @@ from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
 from silint.core.integrands import arcs as along_arcs
-from silint.core.integrands.arcs import angle, arc, arc_length, cross, dot, error_of_gap, triangle
+from silint.core.integrands.arcs import angle, arc, arc_length, error_of_gap, triangle
 from silint.core.jit import INNER, PARALLEL
+from silint.core.small_circle import cross, dot
 
 
 @njit(**INNER)

@@ -31,8 +31,8 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
-from silint.core.integrands.arcs import cross, dot
 from silint.core.jit import INNER, KERNEL, PARALLEL
+from silint.core.small_circle import cross, dot
 
 # Integrands f, with the number of their components.
 COSINE, UNIFORM, VECTOR, BENT = 0, 1, 2, 3

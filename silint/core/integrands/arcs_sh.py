@@ -27,10 +27,11 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
-from silint.core.integrands.arcs import arc, arc_length, closure_gap, cross, is_open, rounding, triangle
+from silint.core.integrands.arcs import arc, arc_length, closure_gap, is_open, rounding, triangle
 from silint.core.jit import INNER, PARALLEL
 from silint.core.lanes import WIDTH
 from silint.core.sh import Coupling, contract, coupling, harmonics, moment_degree, open_hemisphere
+from silint.core.small_circle import cross
 
 # Lobes come in packets of this many lanes: eight are unrolled by the compiler and stay scalar.
 _UL = np.uint64(WIDTH)

@@ -18,10 +18,10 @@ import numpy as np
 from numba import njit, prange
 
 from silint.core.arcs_types import Arcs
-from silint.core.integrands.arcs import dot
 from silint.core.integrands.arcs_gradient import arc_frame, edge_in_frame, scatter, triangle
 from silint.core.jit import INNER, PARALLEL
 from silint.core.sh import contract, coupling, evaluate, recurrence
+from silint.core.small_circle import dot
 
 # Error of the rule on exp(i x) over an interval, per its length.
 _RULE_ERROR = 1e-15
